@@ -1,0 +1,130 @@
+"""Camera: intrinsics, lens distortion and pose of one image, in OpenCV / COLMAP axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import torch
+
+from diga3d_warp.errors import InputError
+
+LensKind = Literal["brown", "fisheye"]
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """Lens distortion of normalised camera coordinates, as COLMAP defines it.
+
+    Attributes:
+        kind: "brown" (radial and tangential, COLMAP's SIMPLE_RADIAL, RADIAL and OPENCV) or
+            "fisheye" (equidistant, COLMAP's OPENCV_FISHEYE and its shorter forms).
+        coefficients: (k1, k2, p1, p2) for "brown", (k1, k2, k3, k4) for "fisheye". Unitless.
+    """
+
+    kind: LensKind
+    coefficients: tuple[float, float, float, float]
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("brown", "fisheye"):
+            raise InputError(f"lens kind {self.kind!r} is unknown: use 'brown' or 'fisheye'")
+        if len(self.coefficients) != 4 or not np.isfinite(self.coefficients).all():
+            raise InputError(f"lens coefficients {self.coefficients} must be four finite numbers")
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One calibrated camera with its pose.
+
+    Axes follow OpenCV and COLMAP: x right, y down, z forward. Pixel centres lie at +0.5, so the
+    centre of the top-left pixel is (0.5, 0.5).
+
+    Attributes:
+        width, height: Image size [px].
+        fx, fy: Focal lengths [px].
+        cx, cy: Principal point [px], from the outer corner of the top-left pixel.
+        world_to_camera: Rigid transform from world to camera space, shape (4, 4), float64. A tensor that
+            requires gradient receives one from `render`; anything array-like is accepted.
+        distortion: Lens distortion, or None for a pinhole camera.
+
+    Raises:
+        InputError: the size or a focal length is not positive, or a number is not finite.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    world_to_camera: torch.Tensor
+    distortion: Distortion | None = None
+
+    def __post_init__(self) -> None:
+        pose = torch.as_tensor(self.world_to_camera).to(torch.float64)
+        if pose.shape != (4, 4):
+            raise InputError(f"world_to_camera must have shape (4, 4), not {tuple(pose.shape)}")
+        numbers = (self.fx, self.fy, self.cx, self.cy)
+        if not (np.isfinite(numbers).all() and bool(torch.isfinite(pose).all())):
+            raise InputError("a camera holds a number that is not finite")
+        if not (self.width > 0 and self.height > 0 and self.fx > 0 and self.fy > 0):
+            raise InputError(
+                f"a camera of {self.width} x {self.height} px with focal lengths "
+                f"({self.fx:g}, {self.fy:g}) px sees nothing: all four must be positive"
+            )
+        object.__setattr__(self, "world_to_camera", pose)
+
+    @property
+    def pose(self) -> np.ndarray:
+        """World-to-camera transform as a NumPy array, shape (4, 4), float64, without gradient."""
+        return self.world_to_camera.detach().cpu().numpy()
+
+    @property
+    def center(self) -> np.ndarray:
+        """Camera centre in world space [scene units], shape (3,), float64."""
+        pose = self.pose
+        return -pose[:3, :3].T @ pose[:3, 3]
+
+    @property
+    def forward(self) -> np.ndarray:
+        """Viewing direction in world space, unit length, shape (3,), float64."""
+        return self.pose[2, :3].copy()
+
+    def resized(self, width: int, height: int) -> Camera:
+        """The same camera for an image of another size; each axis scales by its own ratio."""
+        sx, sy = width / self.width, height / self.height
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * sx,
+            fy=self.fy * sy,
+            cx=self.cx * sx,
+            cy=self.cy * sy,
+        )
+
+    def with_pose(self, world_to_camera: torch.Tensor | np.ndarray) -> Camera:
+        """The same camera at another pose."""
+        return replace(self, world_to_camera=torch.as_tensor(world_to_camera))
+
+
+def look_at(
+    eye: np.ndarray, target: np.ndarray, up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+) -> np.ndarray:
+    """World-to-camera transform of a camera at `eye` looking at `target`, shape (4, 4), float64.
+
+    Args:
+        eye, target: Points in world space, shape (3,).
+        up: Direction in world space that appears upwards in the image.
+    """
+    eye, target = np.asarray(eye, np.float64), np.asarray(target, np.float64)
+    forward = target - eye
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, np.asarray(up, np.float64))
+    right = right / np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = -rotation @ eye
+    return pose

@@ -1,0 +1,94 @@
+"""Scene: what a capture holds once read: calibrated views, masks and sparse points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from diga3d_warp.scene.camera import Camera
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One photograph with its camera.
+
+    Attributes:
+        name: File name of the image without folder and ending; unique within a scene.
+        camera: Camera at the size of the image.
+        pixels: The photograph, shape (H, W, 3), uint8 RGB. Kept in 8 bits: 71 views of 720 x 1280 take
+            0.2 GB so, and 0.8 GB as floats.
+        mask: True where the object is that the user wants edited, shape (H, W), bool; None if unknown.
+    """
+
+    name: str
+    camera: Camera
+    pixels: np.ndarray
+    mask: np.ndarray | None = None
+
+    @property
+    def image(self) -> torch.Tensor:
+        """The photograph as float32 RGB in [0, 1], shape (H, W, 3), made anew at each call."""
+        return torch.from_numpy(self.pixels).to(torch.float32) / 255.0
+
+    def with_mask(self, mask: np.ndarray | None) -> View:
+        """The same view with another mask, shape (H, W), bool."""
+        return replace(self, mask=mask)
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Sparse points of a reconstruction.
+
+    Attributes:
+        positions: World space [scene units], shape (P, 3), float64.
+        colors: RGB, shape (P, 3), uint8.
+    """
+
+    positions: np.ndarray
+    colors: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A capture, ready to fit.
+
+    Attributes:
+        path: Where it was read from.
+        kind: The layout that was recognised: "colmap", "nerfstudio", "llff", "splat" or "images".
+        views: Training views.
+        test_views: Views held out for testing; never fitted.
+        points: Sparse points, world space.
+        notes: What a user should know of the reading, one line each: missing images, repaired masks.
+        splat: The splat .ply that the scene came with, if it came with one.
+        ground_truth: True if `test_views` show the scene without the object (the SPIn-NeRF protocol).
+    """
+
+    path: Path
+    kind: str
+    views: Sequence[View]
+    test_views: Sequence[View]
+    points: Points
+    notes: Sequence[str] = field(default_factory=tuple)
+    splat: Path | None = None
+    ground_truth: bool = False
+
+    @property
+    def extent(self) -> float:
+        """Radius of the camera centres around their mean, 1.1 times the largest [scene units].
+
+        The unit of position learning rates, as in 3DGS (`getNerfppNorm`). At least 1e-3, so that a single
+        camera still has a scale.
+        """
+        centers = np.stack([view.camera.center for view in self.views])
+        return max(1.1 * float(np.linalg.norm(centers - centers.mean(0), axis=1).max()), 1e-3)
+
+    def with_masks(self, masks: Sequence[np.ndarray | None]) -> Scene:
+        """The same scene with one mask per training view, in their order."""
+        return replace(self, views=[v.with_mask(m) for v, m in zip(self.views, masks, strict=True)])
