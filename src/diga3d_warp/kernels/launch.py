@@ -1,0 +1,139 @@
+"""How a kernel runs: compiler options, and one launch spread over all cores.
+
+Invariants
+- A kernel's first parameter is `offset: int`; its index is `wp.tid() + offset`. So one launch can be cut
+  into ranges that run on different threads.
+- Two indices never write to the same cell. On CPU `wp.atomic_add` is a plain addition: two threads adding
+  to one cell would lose counts. Sums go through rows of their own, added in a fixed order; results therefore
+  do not depend on the number of threads.
+- No kernel here relies on NaN or infinity being absent: the floating-point flags allow fused
+  multiply-add and reordered sums, never `-ffast-math`, which would turn the guards against 0/0 into lies.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import warp as wp
+
+wp.config.log_level = wp.LOG_WARNING
+if wp.config.cpu_compiler_flags is None:
+    _BASE_FLAGS = "-march=native"
+else:
+    _BASE_FLAGS = wp.config.cpu_compiler_flags
+
+CPU_FLAGS = (
+    _BASE_FLAGS
+    + " -ffp-contract=fast"  # fused multiply-add: Warp's fast_math emits none on CPU
+    + " -mprefer-vector-width=512"  # 16 float lanes where the machine has them
+    + " -fno-signed-zeros -mreassociate"  # lets sums over lanes become vector reductions
+)
+"""One flag string for the whole project: each distinct one costs a precompiled header of 4 to 5 s."""
+
+OPTIONS: dict[str, Any] = {"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS}
+"""Module options of kernels with a hand-written adjoint, or none. `max_unroll` 0 keeps lane loops dynamic,
+which is what lets the compiler vectorise them."""
+
+DIFFERENTIABLE: dict[str, Any] = {**OPTIONS, "enable_backward": True}
+"""Module options of kernels whose adjoint Warp derives. Only for kernels without sequential loops: Warp does
+not replay dynamic loops, and their automatic adjoints are silently wrong."""
+
+CHUNKS_PER_THREAD = 4
+"""Ranges per thread: enough that a slow range does not keep the other threads waiting."""
+
+SERIAL_BELOW = 2048
+"""Indices under which one range runs on the calling thread: waking a worker costs about 50 us, as much as a
+light kernel needs for this many indices."""
+
+_pool: ThreadPoolExecutor | None = None
+_thread_count = 0
+
+
+def thread_count() -> int:
+    """Number of threads a CPU launch may use; at first the cores this process may run on."""
+    global _thread_count
+    if _thread_count == 0:
+        set_thread_count(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+    return _thread_count
+
+
+def set_thread_count(count: int) -> None:
+    """Use `count` threads for CPU launches from now on. Results do not depend on it.
+
+    Raises:
+        ValueError: `count` is below one.
+    """
+    global _pool, _thread_count
+    if count < 1:
+        raise ValueError(f"thread count must be at least 1, not {count}")
+    if _pool is not None:
+        _pool.shutdown()
+    _pool = ThreadPoolExecutor(count - 1, "warp") if count > 1 else None
+    _thread_count = count
+
+
+def launch(
+    kernel: wp.Kernel,
+    dim: int,
+    inputs: Sequence[Any],
+    outputs: Sequence[Any] = (),
+    *,
+    device: Any,
+    adj_inputs: Sequence[Any] = (),
+    adj_outputs: Sequence[Any] = (),
+    adjoint: bool = False,
+    work: int = 1,
+) -> None:
+    """Run `kernel` over `dim` indices, on CPU spread over all threads.
+
+    Args:
+        kernel: Its first parameter is `offset: int`, given here, not in `inputs`.
+        dim: Number of indices. Nothing runs for 0.
+        inputs, outputs: Arguments after `offset`, in order.
+        device: Warp device or its name.
+        adj_inputs, adj_outputs: Gradient arrays in the order of `inputs` and `outputs`, None where an
+            argument has none. Only with `adjoint`.
+        adjoint: Run the adjoint that Warp derived. Each index must write gradients to cells of its own.
+        work: How many times heavier an index is than a light one (about 20 ns); decides when a launch is
+            worth spreading.
+    """
+    if dim == 0:
+        return
+    device = wp.get_device(device)
+    zero = [0] if adjoint else []
+    arguments: dict[str, Any] = {
+        "outputs": list(outputs),
+        "adj_inputs": zero + list(adj_inputs),
+        "adj_outputs": list(adj_outputs),
+        "adjoint": adjoint,
+        "device": device,
+        "record_tape": False,
+    }
+    threads = thread_count() if device.is_cpu else 1
+    if threads == 1 or dim * work < SERIAL_BELOW:
+        wp.launch(kernel, dim, inputs=[0, *inputs], **arguments)
+        return
+    count = min(dim, threads * CHUNKS_PER_THREAD)
+    edges = [dim * k // count for k in range(count + 1)]
+    ranges = deque(
+        wp.launch(kernel, end - start, inputs=[start, *inputs], record_cmd=True, **arguments)
+        for start, end in zip(edges[:-1], edges[1:], strict=True)
+    )
+
+    def drain() -> None:
+        while True:
+            try:
+                command = ranges.popleft()
+            except IndexError:
+                return
+            command.launch()
+
+    assert _pool is not None
+    helpers = [_pool.submit(drain) for _ in range(threads - 1)]
+    drain()
+    for helper in helpers:
+        helper.result()
