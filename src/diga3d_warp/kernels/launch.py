@@ -87,6 +87,7 @@ def launch(
     adj_outputs: Sequence[Any] = (),
     adjoint: bool = False,
     work: int = 1,
+    align: int = 1,
 ) -> None:
     """Run `kernel` over `dim` indices, on CPU spread over all threads.
 
@@ -100,6 +101,7 @@ def launch(
         adjoint: Run the adjoint that Warp derived. Each index must write gradients to cells of its own.
         work: How many times heavier an index is than a light one (about 20 ns); decides when a launch is
             worth spreading.
+        align: Ranges begin at multiples of this, where `align` indices share a cell that they write to.
     """
     if dim == 0:
         return
@@ -117,8 +119,9 @@ def launch(
     if threads == 1 or dim * work < SERIAL_BELOW:
         wp.launch(kernel, dim, inputs=[0, *inputs], **arguments)
         return
-    count = min(dim, threads * CHUNKS_PER_THREAD)
-    edges = [dim * k // count for k in range(count + 1)]
+    blocks = -(-dim // align)
+    count = min(blocks, threads * CHUNKS_PER_THREAD)
+    edges = [min(dim, blocks * k // count * align) for k in range(count + 1)]
     ranges = deque(
         wp.launch(kernel, end - start, inputs=[start, *inputs], record_cmd=True, **arguments)
         for start, end in zip(edges[:-1], edges[1:], strict=True)

@@ -1,0 +1,53 @@
+"""Thresholds of the renderer, each with its unit, its reason and its source.
+
+Settings of a task stand beside the task: `gaussians.fit.FitSettings`, `pipelines.remove.RemoveSettings`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Splatting:
+    """Constants of projection and compositing. The defaults render as 3DGS does, but for `near`.
+
+    Attributes:
+        near: Nearest depth that is drawn [scene units]. 3DGS uses 0.2, under which a small scene loses
+            everything; gsplat and brush use 0.01.
+        jacobian_margin: The EWA Jacobian is taken no further out than this many times the image's half
+            extent [ratio]. Far outside the image the affine approximation would sweep over it. 3DGS: 1.3.
+        low_pass: Added to both variances of a projected gaussian [px^2]. Keeps every splat at least about a
+            pixel wide. 3DGS: 0.3.
+        alpha_max: Largest opacity of one gaussian in one pixel. Keeps 1 - alpha away from zero, by which the
+            adjoint divides. 3DGS: 0.99.
+        alpha_min: Contributions below are skipped: an 8-bit image would not show them. 3DGS: 1/255.
+        transmittance_min: A pixel is finished before the gaussian that would take its transmittance below
+            this value; that gaussian is left out. 3DGS: 1e-4.
+        quaternion_min: Smallest squared norm of a quaternion that still names a rotation. Real .ply files
+            hold all-zero quaternions; normalising one gives 0/0. gsplat: 1e-8.
+        variance_max: Largest variance of a projected gaussian [px^2]. Above it a splat is flat over any
+            image and its determinant leaves the range of float32. brush: 1e18 on entries.
+        determinant_min: Smallest determinant of a projected covariance [px^4]. The low-pass bounds it by
+            0.09, so only broken input falls below; the adjoint divides by its square.
+    """
+
+    near: float = 0.01
+    jacobian_margin: float = 1.3
+    low_pass: float = 0.3
+    alpha_max: float = 0.99
+    alpha_min: float = 1.0 / 255.0
+    transmittance_min: float = 1e-4
+    quaternion_min: float = 1e-8
+    variance_max: float = 1e12
+    determinant_min: float = 1e-6
+
+
+SPLATTING = Splatting()
+
+TILE = 16
+"""Side of a tile [px]. 16 is 3DGS's; smaller tiles list more pairs, larger ones blend more in vain."""
+
+POSE_GROUP = 1024
+"""Gaussians that share one row of the camera's gradient. Each group sums on one thread, and the rows are
+added in order, so that the gradient does not depend on the number of threads."""

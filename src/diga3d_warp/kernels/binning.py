@@ -1,0 +1,210 @@
+"""Binning: which gaussians each tile blends, front to back.
+
+Gaussians are sorted by depth once; (tile, gaussian) pairs are then dealt to their tiles in that order, a
+stable counting sort by tile. The sorted gaussians are dealt by a fixed number of dealers, each over a range
+of its own with a counter of its own per tile, so dealers run on different threads and the result is the
+same for any number of them.
+
+Invariants
+- Counting and dealing call the same `tile_range`, so every slot that was counted is filled.
+- Equal depths keep the order of their indices.
+- Depths of drawn gaussians are positive floats, whose bits sort like integers.
+- Pairs are numbered in 32 bits; more of them raise an error before anything is written.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from diga3d_warp.config import TILE
+from diga3d_warp.kernels.launch import OPTIONS, launch
+
+wp.set_module_options(OPTIONS)
+
+DEALERS = 16
+"""Ranges of the depth order that are dealt independently: enough for 8 threads at two ranges each, few
+enough that a counter per tile and dealer stays small (17k counters at 648 x 420 px)."""
+
+PIXEL_LIMIT = wp.constant(1.0e6)
+"""Pixel coordinates are clamped to this before they become integers; no image is larger."""
+
+
+@dataclass(frozen=True)
+class Bins:
+    """Pairs of tiles and gaussians, in the order of blending.
+
+    Attributes:
+        columns, rows: Size of the tile grid.
+        gaussians: Index of the gaussian of each pair, tile after tile, shape (P,), int32.
+        starts: First pair of each tile, and P at the end, shape (columns * rows + 1,), int32.
+        order: Drawn gaussians by depth, shape (M,), int32.
+        first: First emission of each drawn gaussian, and P at the end, shape (M + 1,), int32.
+        slots: Pair that each emission went to, shape (P,), int32. Emissions of one gaussian are adjacent, so
+            `slots[first[k]:first[k + 1]]` are the pairs of gaussian `order[k]`.
+    """
+
+    columns: int
+    rows: int
+    gaussians: wp.array
+    starts: wp.array
+    order: wp.array
+    first: wp.array
+    slots: wp.array
+
+    @property
+    def pair_count(self) -> int:
+        return self.gaussians.shape[0]
+
+
+@wp.func
+def tile_range(center: wp.vec2, extent: wp.vec2, columns: int, rows: int) -> wp.vec4i:
+    """Tiles that the ellipse's box touches: first and end column, first and end row.
+
+    A pixel is touched if its centre is, hence the shift by half a pixel.
+    """
+    x0 = wp.clamp(center[0] - extent[0] - 0.5, -PIXEL_LIMIT, PIXEL_LIMIT)
+    x1 = wp.clamp(center[0] + extent[0] - 0.5, -PIXEL_LIMIT, PIXEL_LIMIT)
+    y0 = wp.clamp(center[1] - extent[1] - 0.5, -PIXEL_LIMIT, PIXEL_LIMIT)
+    y1 = wp.clamp(center[1] + extent[1] - 0.5, -PIXEL_LIMIT, PIXEL_LIMIT)
+    side = float(TILE)
+    return wp.vec4i(
+        wp.clamp(int(wp.floor(wp.ceil(x0) / side)), 0, columns),
+        wp.clamp(int(wp.floor(wp.floor(x1) / side)) + 1, 0, columns),
+        wp.clamp(int(wp.floor(wp.ceil(y0) / side)), 0, rows),
+        wp.clamp(int(wp.floor(wp.floor(y1) / side)) + 1, 0, rows),
+    )
+
+
+@wp.kernel
+def count_tiles(
+    offset: int,
+    centers: wp.array(dtype=wp.vec2),
+    extents: wp.array(dtype=wp.vec2),
+    columns: int,
+    rows: int,
+    # outputs
+    tiles: wp.array(dtype=int),
+):
+    i = wp.tid() + offset
+    count = int(0)
+    if extents[i][0] > 0.0:
+        r = tile_range(centers[i], extents[i], columns, rows)
+        count = wp.max(r[1] - r[0], 0) * wp.max(r[3] - r[2], 0)
+    tiles[i] = count
+
+
+@wp.kernel
+def count_dealt(
+    offset: int,
+    order: wp.array(dtype=int),
+    centers: wp.array(dtype=wp.vec2),
+    extents: wp.array(dtype=wp.vec2),
+    columns: int,
+    rows: int,
+    # outputs
+    counters: wp.array2d(dtype=int),
+):
+    dealer = wp.tid() + offset
+    drawn = order.shape[0]
+    for k in range(dealer * drawn // DEALERS, (dealer + 1) * drawn // DEALERS):
+        i = order[k]
+        r = tile_range(centers[i], extents[i], columns, rows)
+        for y in range(r[2], r[3]):
+            for x in range(r[0], r[1]):
+                tile = y * columns + x
+                counters[dealer, tile] = counters[dealer, tile] + 1
+
+
+@wp.kernel
+def deal(
+    offset: int,
+    order: wp.array(dtype=int),
+    first: wp.array(dtype=int),
+    centers: wp.array(dtype=wp.vec2),
+    extents: wp.array(dtype=wp.vec2),
+    columns: int,
+    rows: int,
+    # outputs
+    cursors: wp.array2d(dtype=int),
+    gaussians: wp.array(dtype=int),
+    slots: wp.array(dtype=int),
+):
+    dealer = wp.tid() + offset
+    drawn = order.shape[0]
+    for k in range(dealer * drawn // DEALERS, (dealer + 1) * drawn // DEALERS):
+        i = order[k]
+        emission = int(first[k])
+        r = tile_range(centers[i], extents[i], columns, rows)
+        for y in range(r[2], r[3]):
+            for x in range(r[0], r[1]):
+                tile = y * columns + x
+                slot = cursors[dealer, tile]
+                cursors[dealer, tile] = slot + 1
+                gaussians[slot] = i
+                slots[emission] = slot
+                emission += 1
+
+
+def depth_order(depths: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+    """Indices `drawn` sorted by depth, ties by index, shape (M,), int32."""
+    bits = depths[drawn].view(np.int32)
+    count = len(drawn)
+    keys = wp.array(np.concatenate([bits, bits]), dtype=wp.int32, device="cpu")
+    values = wp.array(np.concatenate([drawn, drawn]).astype(np.int32), dtype=wp.int32, device="cpu")
+    wp.utils.radix_sort_pairs(keys, values, count)
+    return values.numpy()[:count]
+
+
+def bin_gaussians(centers: wp.array, depths: wp.array, extents: wp.array, width: int, height: int) -> Bins:
+    """List the gaussians of each tile, front to back.
+
+    Args:
+        centers: Pixel positions, shape (N,), vec2.
+        depths: Depths along the camera axis, positive where drawn, shape (N,).
+        extents: Half width and height of the box to draw [px], shape (N,), vec2; (0, 0) means culled.
+        width, height: Image size [px].
+
+    Raises:
+        ValueError: more than 2^31 - 1 pairs.
+    """
+    device = centers.device
+    columns, rows = -(-width // TILE), -(-height // TILE)
+    tiles = wp.empty(centers.shape[0], dtype=int, device=device)
+    launch(count_tiles, centers.shape[0], [centers, extents, columns, rows], [tiles], device=device)
+
+    counts = tiles.numpy()
+    drawn = np.flatnonzero(counts)
+    sequence = depth_order(depths.numpy(), drawn)
+    first = np.zeros(len(drawn) + 1, np.int64)
+    np.cumsum(counts[sequence], out=first[1:])
+    pairs = int(first[-1])
+    if pairs > np.iinfo(np.int32).max:
+        raise ValueError(
+            f"{pairs} pairs of tiles and gaussians are more than 2^31 - 1: render a smaller image or fewer gaussians"
+        )
+
+    order = wp.array(sequence, dtype=int, device=device)
+    emissions = wp.array(first.astype(np.int32), dtype=int, device=device)
+    counters = wp.zeros((DEALERS, columns * rows), dtype=int, device=device)
+    launch(
+        count_dealt, DEALERS, [order, centers, extents, columns, rows], [counters],
+        device=device, work=pairs,
+    )  # fmt: skip
+    # A dealer's first slot in a tile comes after all earlier tiles and, in the tile, after earlier dealers.
+    dealt = counters.numpy()
+    ends = np.cumsum(dealt.T, dtype=np.int64).reshape(columns * rows, DEALERS)
+    starts = np.concatenate([[0], ends[:, -1]]).astype(np.int32)
+    cursors = wp.array(np.ascontiguousarray((ends - dealt.T).T.astype(np.int32)), dtype=int, device=device)
+
+    gaussians = wp.empty(pairs, dtype=int, device=device)
+    slots = wp.empty(pairs, dtype=int, device=device)
+    launch(
+        deal, DEALERS, [order, emissions, centers, extents, columns, rows], [cursors, gaussians, slots],
+        device=device, work=pairs,
+    )  # fmt: skip
+    return Bins(
+        columns, rows, gaussians, wp.array(starts, dtype=int, device=device), order, emissions, slots
+    )

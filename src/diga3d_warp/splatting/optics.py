@@ -1,0 +1,66 @@
+"""What kernels need to know of a camera, computed once per set of intrinsics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import warp as wp
+
+from diga3d_warp.config import SPLATTING
+from diga3d_warp.kernels.cameras import pixel_rays_kernel, valid_radius
+from diga3d_warp.kernels.launch import launch
+from diga3d_warp.scene.camera import Camera, Distortion
+
+NO_RADIUS_LIMIT = 1e15
+"""Stands for an infinite valid radius; its square is still a float32."""
+
+
+@dataclass(frozen=True, eq=False)
+class Optics:
+    """Lens and field of view of a camera, without its pose.
+
+    Attributes:
+        lens_kind: "none", "brown" or "fisheye".
+        coefficients: Lens coefficients, zeros for a pinhole.
+        radius_max: Undistorted radius below which the lens is one to one [focal lengths].
+        lower, upper: Undistorted (x/z, y/z) beyond which the EWA Jacobian is not followed.
+        rays: Undistorted (x/z, y/z) of every pixel centre, shape (H * W, 2), float32; NaN where the lens
+            reaches no ray.
+    """
+
+    lens_kind: str
+    coefficients: tuple[float, float, float, float]
+    radius_max: float
+    lower: tuple[float, float]
+    upper: tuple[float, float]
+    rays: np.ndarray
+
+
+def optics_of(camera: Camera) -> Optics:
+    """The optics of a camera; kept for the next call with the same intrinsics."""
+    return _optics(
+        camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.distortion
+    )
+
+
+@lru_cache(maxsize=256)
+def _optics(
+    width: int, height: int, fx: float, fy: float, cx: float, cy: float, distortion: Distortion | None
+) -> Optics:
+    kind = distortion.kind if distortion else "none"
+    coefficients = distortion.coefficients if distortion else (0.0, 0.0, 0.0, 0.0)
+    radius = min(valid_radius(kind, coefficients), NO_RADIUS_LIMIT)
+    rays = wp.empty(width * height, dtype=wp.vec2, device="cpu")
+    launch(
+        pixel_rays_kernel(kind), width * height,
+        [width, wp.vec4(fx, fy, cx, cy), wp.vec4(*coefficients), radius], [rays],
+        device="cpu",
+    )  # fmt: skip
+    seen = rays.numpy()
+    low, high = np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)
+    margin = (SPLATTING.jacobian_margin - 1.0) * 0.5 * (high - low)
+    return Optics(
+        kind, coefficients, radius, tuple((low - margin).tolist()), tuple((high + margin).tolist()), seen
+    )

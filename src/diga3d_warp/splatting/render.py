@@ -1,0 +1,70 @@
+"""Render gaussians: project, shade, composite."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import torch
+
+from diga3d_warp.scene.camera import Camera
+from diga3d_warp.splatting.composite import composite
+from diga3d_warp.splatting.project import Projection, project
+from diga3d_warp.splatting.shade import degree_of, shade
+
+if TYPE_CHECKING:
+    from diga3d_warp.gaussians.parameters import Gaussians
+
+
+class Rendering(NamedTuple):
+    """What a camera sees.
+
+    Attributes:
+        color: RGB over the background, shape (H, W, 3). Can exceed 1 where colours do.
+        alpha: Opacity of each pixel in [0, 1], shape (H, W).
+        depth: Expected z along the camera axis [scene units], shape (H, W); 0 where nothing was drawn.
+        projection: Gaussians in the image plane; `projection.extents[:, 0] > 0` tells which were drawn.
+    """
+
+    color: torch.Tensor
+    alpha: torch.Tensor
+    depth: torch.Tensor
+    projection: Projection
+
+
+def render(
+    gaussians: Gaussians,
+    camera: Camera,
+    *,
+    background: Sequence[float] | torch.Tensor = (0.0, 0.0, 0.0),
+    sh_degree: int | None = None,
+    with_depth: bool = True,
+) -> Rendering:
+    """Render gaussians from a camera.
+
+    Gradients reach every parameter of the gaussians, the background and `camera.world_to_camera`.
+
+    Args:
+        gaussians: N gaussians, on CPU or CUDA.
+        camera: Pinhole or with lens distortion, which is applied inside the projection.
+        background: RGB behind all gaussians, three numbers or a tensor of shape (3,).
+        sh_degree: Highest degree of spherical harmonics; all that the gaussians have if None.
+        with_depth: Blend depth too. Without, `depth` is zero and costs nothing.
+
+    Raises:
+        ValueError: the coefficients' shape is not one of degree 0 to 3.
+    """
+    degree = degree_of(gaussians.sh)
+    if sh_degree is not None:
+        degree = min(degree, sh_degree)
+    projection = project(
+        gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, camera
+    )
+    colors = shade(gaussians.means, gaussians.sh, projection.extents, camera, degree)
+    blended = composite(projection, colors, camera.width, camera.height, with_depth=with_depth)
+    behind = torch.as_tensor(background, dtype=torch.float32, device=gaussians.means.device)
+    color = blended.color + blended.transmittance[..., None] * behind
+    alpha = 1.0 - blended.transmittance
+    # alpha is 0 or at least 1/255: the floor only replaces a division of 0 by 0.
+    depth = blended.depth_sum / alpha.clamp_min(1e-6)
+    return Rendering(color, alpha, depth, projection)
