@@ -1,0 +1,270 @@
+"""Fit gaussians to images: Adam on (1 - 0.2) L1 + 0.2 D-SSIM, and on depth where it is known (paper Sec. 3)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from diga3d_warp.files import whole_file
+from diga3d_warp.gaussians.density import DensitySettings, relocate_and_grow, walk
+from diga3d_warp.gaussians.optimiser import GaussianAdam, LearningRates
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.scene.camera import Camera
+from diga3d_warp.splatting.render import Rendering, render
+from diga3d_warp.splatting.ssim import ssim
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How long and towards what gaussians are fitted.
+
+    Attributes:
+        iterations: Steps of Adam, one image each.
+        budget: Number of gaussians at the end, reached at `density.end`; fewer only if there were more.
+        ssim_weight: Part of D-SSIM in the photometric loss. Paper and 3DGS: 0.2.
+        depth_weight: Weight of the depth loss, relative to depth [1 / 1].
+        opacity_weight, scale_weight: Weights of the mean opacity and the mean scale [1, 1 / scene extent];
+            they make useless gaussians fade, so that they can be moved. 3DGS-MCMC: 0.01 each.
+        coarse_part: Part of the iterations that sees images of half the size: they cost a quarter, and
+            the first shapes need no more.
+        sh_steps: Parts of the iterations after which degree 1, 2 and 3 of the harmonics join in.
+        rates: Learning rates.
+        density: Density control.
+        checkpoint_seconds: Time between two checkpoints [s].
+    """
+
+    iterations: int = 3000
+    budget: int = 60_000
+    ssim_weight: float = 0.2
+    depth_weight: float = 0.0
+    opacity_weight: float = 0.01
+    scale_weight: float = 0.01
+    coarse_part: float = 0.3
+    sh_steps: tuple[float, ...] = (0.3, 0.5, 0.7)
+    rates: LearningRates = field(default_factory=LearningRates)
+    density: DensitySettings = field(default_factory=DensitySettings)
+    checkpoint_seconds: float = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What the gaussians should look like from one camera.
+
+    Attributes:
+        camera: Camera at the size of the image.
+        image: RGB, shape (H, W, 3), float32 in [0, 1] or uint8.
+        weight: Trust in each pixel in [0, 1], shape (H, W); None for 1 everywhere. A pixel of weight 0
+            receives no gradient.
+        depth: z along the camera axis [scene units], shape (H, W); 0 where it is not known. None: nowhere.
+    """
+
+    camera: Camera
+    image: torch.Tensor
+    weight: torch.Tensor | None = None
+    depth: torch.Tensor | None = None
+
+    @property
+    def color(self) -> torch.Tensor:
+        """The image as float32 in [0, 1]."""
+        return self.image.float() / 255.0 if self.image.dtype == torch.uint8 else self.image
+
+    def halved(self) -> Target:
+        """The target at half the size; depth is dropped, which has no mean across an edge."""
+        size = (max(1, self.camera.height // 2), max(1, self.camera.width // 2))
+
+        def shrink(planes: torch.Tensor) -> torch.Tensor:
+            return torch.nn.functional.interpolate(planes[None], size, mode="area")[0]
+
+        color = shrink(self.color.permute(2, 0, 1)).permute(1, 2, 0).contiguous()
+        if self.image.dtype == torch.uint8:
+            color = (color * 255.0).round().to(torch.uint8)
+        weight = None if self.weight is None else shrink(self.weight[None])[0]
+        return replace(
+            self, camera=self.camera.resized(size[1], size[0]), image=color, weight=weight, depth=None
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """Fitted gaussians and how the fit went.
+
+    Attributes:
+        gaussians: Without gradient.
+        curve: Points of the fit: iteration, loss, psnr [dB] of the image at that step, gaussians.
+        seconds: Time spent, summed over interruptions [s].
+    """
+
+    gaussians: Gaussians
+    curve: list[dict[str, float]]
+    seconds: float
+
+
+CURVE_INTERVAL = 25
+"""Iterations between two points of the curve, each the mean over them."""
+
+
+def photometric_loss(color: torch.Tensor, target: Target, ssim_weight: float) -> torch.Tensor:
+    """(1 - w) L1 + w (1 - SSIM) over the trusted pixels (paper Sec. 3.4, L_rgb), a scalar."""
+    wanted = target.color
+    if target.weight is not None:
+        weight = target.weight[..., None]
+        color = weight * color + (1.0 - weight) * wanted
+    l1 = (color - wanted).abs().mean()
+    return (1.0 - ssim_weight) * l1 + ssim_weight * (1.0 - ssim(color, wanted))
+
+
+def depth_loss(rendering: Rendering, target: Target) -> torch.Tensor:
+    """Mean relative difference of depth where the target knows it (paper Eq. 7, in units of depth)."""
+    assert target.depth is not None
+    known = target.depth > 0.0
+    if target.weight is not None:
+        known = known & (target.weight > 0.0)
+    if not known.any():
+        return rendering.depth.new_zeros(())
+    return ((rendering.depth[known] - target.depth[known]).abs() / target.depth[known]).mean()
+
+
+def fit(
+    gaussians: Gaussians,
+    targets: Sequence[Target],
+    extent: float,
+    settings: FitSettings,
+    *,
+    seed: int = 0,
+    held: torch.Tensor | None = None,
+    checkpoint: Path | None = None,
+    progress: bool = False,
+    label: str = "fit",
+) -> FitResult:
+    """Optimise gaussians until their renderings match the targets.
+
+    The same arguments give the same bytes, also when the fit was interrupted and taken up again.
+
+    Args:
+        gaussians: Where to start; not changed.
+        targets: At least one.
+        extent: Unit of position rates, `Scene.extent` [scene units].
+        settings: How long and towards what.
+        seed: Of the order of images and of density control.
+        held: Gaussians that keep their values, shape (N,), bool. Those added later are free.
+        checkpoint: File to go on from if it exists, and to save to.
+        progress: Show a bar on stderr.
+        label: Name of the bar.
+    """
+    from tqdm import trange
+
+    fitting = _Fit(gaussians, targets, extent, settings, seed, held)
+    if checkpoint is not None and checkpoint.exists():
+        fitting.load(checkpoint)
+    saved = time.monotonic()
+    bar = trange(
+        fitting.iteration, settings.iterations, initial=fitting.iteration, total=settings.iterations,
+        desc=label, unit="it", disable=not progress, mininterval=0.5, dynamic_ncols=True,
+    )  # fmt: skip
+    for _ in bar:
+        fitting.step()
+        if progress and fitting.curve:
+            last = fitting.curve[-1]
+            bar.set_postfix(psnr=f"{last['psnr']:.1f}", gaussians=int(last["gaussians"]), refresh=False)
+        if checkpoint is not None and time.monotonic() - saved > settings.checkpoint_seconds:
+            fitting.save(checkpoint)
+            saved = time.monotonic()
+    return FitResult(fitting.optimiser.gaussians().detached(), fitting.curve, fitting.seconds)
+
+
+class _Fit:
+    """The state of a fit between two steps; all of it is in a checkpoint."""
+
+    def __init__(self, gaussians, targets, extent, settings: FitSettings, seed: int, held) -> None:
+        self.settings, self.extent = settings, extent
+        self.held = held
+        self.targets = list(targets)
+        self.coarse = [target.halved() for target in targets] if settings.coarse_part > 0.0 else []
+        self.optimiser = GaussianAdam(gaussians, settings.rates, extent)
+        self.generator = torch.Generator().manual_seed(seed)
+        self.first_count = len(gaussians)
+        self.iteration = 0
+        self.order: list[int] = []
+        self.curve: list[dict[str, float]] = []
+        self.recent: list[tuple[float, float]] = []
+        self.seconds = 0.0
+
+    def step(self) -> None:
+        """One image, one step of Adam, and density control where it is due."""
+        start = time.perf_counter()
+        s, done = self.settings, self.iteration / self.settings.iterations
+        target = (self.coarse if done < s.coarse_part else self.targets)[self._next_index()]
+        degree = sum(done >= part for part in s.sh_steps)
+        gaussians = self.optimiser.gaussians()
+        with_depth = s.depth_weight > 0.0 and target.depth is not None
+        rendering = render(gaussians, target.camera, sh_degree=degree, with_depth=with_depth)
+        loss = photometric_loss(rendering.color, target, s.ssim_weight)
+        if with_depth:
+            loss = loss + s.depth_weight * depth_loss(rendering, target)
+        regularised = loss + s.opacity_weight * gaussians.opacities.mean()
+        regularised = regularised + s.scale_weight * gaussians.scales.mean() / self.extent
+        regularised.backward()
+        self.optimiser.step(done, self._held(len(gaussians)))
+        self._control_density(done)
+        self._record(float(loss.detach()), rendering.color.detach(), target)
+        self.iteration += 1
+        self.seconds += time.perf_counter() - start
+
+    def _next_index(self) -> int:
+        if not self.order:
+            self.order = torch.randperm(len(self.targets), generator=self.generator).tolist()
+        return self.order.pop()
+
+    def _held(self, count: int) -> torch.Tensor | None:
+        if self.held is None:
+            return None
+        return torch.nn.functional.pad(self.held, (0, count - len(self.held)))
+
+    def _control_density(self, done: float) -> None:
+        s, density = self.settings, self.settings.density
+        held = self._held(len(self.optimiser.tensors["means"]))
+        if density.begin <= done < density.end and self.iteration % density.interval == 0:
+            grown = (done - density.begin) / (density.end - density.begin)
+            first = max(self.first_count, 1)
+            # Geometric growth, so that each round adds the same share; done three quarters of the way.
+            share = min(1.0, grown / 0.75)
+            wanted = int(first * (max(s.budget, first) / first) ** share)
+            relocate_and_grow(self.optimiser, wanted, density, self.generator, held)
+            held = self._held(len(self.optimiser.tensors["means"]))
+        if done < density.end:
+            walk(self.optimiser, density, self.generator, held)
+
+    def _record(self, loss: float, color: torch.Tensor, target: Target) -> None:
+        error = ((color - target.color) ** 2).mean(dim=2)
+        mean = float(error.mean()) if target.weight is None else float((error * target.weight).mean())
+        self.recent.append((loss, mean))
+        if len(self.recent) < CURVE_INTERVAL:
+            return
+        losses, errors = torch.tensor(self.recent, dtype=torch.float64).mean(dim=0).tolist()
+        psnr = -10.0 * torch.log10(torch.tensor(max(errors, 1e-12))).item()
+        count = float(len(self.optimiser.tensors["means"]))
+        self.curve.append({"iteration": self.iteration + 1, "loss": losses, "psnr": psnr, "gaussians": count})
+        self.recent = []
+
+    _PLAIN = ("iteration", "order", "curve", "recent", "seconds")
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint through a temporary file."""
+        state: dict[str, Any] = {name: getattr(self, name) for name in self._PLAIN}
+        state["generator"] = self.generator.get_state()
+        state["optimiser"] = self.optimiser.state_dict()
+        with whole_file(path) as partial:
+            torch.save(state, partial)
+
+    def load(self, path: Path) -> None:
+        """Go on from a checkpoint."""
+        state = torch.load(path, weights_only=True)
+        for name in self._PLAIN:
+            setattr(self, name, state[name])
+        self.generator.set_state(state["generator"])
+        self.optimiser.load_state_dict(state["optimiser"])
