@@ -9,7 +9,6 @@ import torch
 
 from diga3d_warp.gaussians.parameters import Gaussians
 
-
 MOMENTS = ("exp_avg", "exp_avg_sq")
 """Per-row tensors in the state of torch's Adam."""
 

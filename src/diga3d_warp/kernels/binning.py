@@ -183,7 +183,8 @@ def bin_gaussians(centers: wp.array, depths: wp.array, extents: wp.array, width:
     pairs = int(first[-1])
     if pairs > np.iinfo(np.int32).max:
         raise ValueError(
-            f"{pairs} pairs of tiles and gaussians are more than 2^31 - 1: render a smaller image or fewer gaussians"
+            f"{pairs} pairs of tiles and gaussians are more than 2^31 - 1: "
+            "render a smaller image or fewer gaussians"
         )
 
     order = wp.array(sequence, dtype=int, device=device)
@@ -205,6 +206,4 @@ def bin_gaussians(centers: wp.array, depths: wp.array, extents: wp.array, width:
         deal, DEALERS, [order, emissions, centers, extents, columns, rows], [cursors, gaussians, slots],
         device=device, work=pairs,
     )  # fmt: skip
-    return Bins(
-        columns, rows, gaussians, wp.array(starts, dtype=int, device=device), order, emissions, slots
-    )
+    return Bins(columns, rows, gaussians, wp.array(starts, dtype=int, device=device), order, emissions, slots)

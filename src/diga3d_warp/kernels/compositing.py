@@ -141,7 +141,9 @@ def forward_kernel(lanes: Lanes, with_depth: bool) -> wp.Kernel:
         for block in range(wp.static(blocks)):
             T[block] = vec(1.0)
             live[block] = ints(1)
-            inside = (x0 + (block % across) * width < image_width) and (y0 + (block // across) * height < image_height)
+            inside = (x0 + (block % across) * width < image_width) and (
+                y0 + (block // across) * height < image_height
+            )
             block_live[block] = wp.where(inside, 1, 0)
             left += block_live[block]
 

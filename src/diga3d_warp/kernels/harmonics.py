@@ -85,7 +85,14 @@ def shade(degree: int, count: int, inputs: list, outputs: list, *, device: objec
 
 
 def shade_adjoint(
-    degree: int, count: int, inputs: list, outputs: list, adj_inputs: list, adj_outputs: list, *, device: object
+    degree: int,
+    count: int,
+    inputs: list,
+    outputs: list,
+    adj_inputs: list,
+    adj_outputs: list,
+    *,
+    device: object,
 ) -> None:
     """Add the gradients of means, coefficients and eyes, given that of the colours."""
     launch(

@@ -16,6 +16,7 @@ import os
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any
 
 import warp as wp
@@ -57,7 +58,9 @@ def thread_count() -> int:
     """Number of threads a CPU launch may use; at first the cores this process may run on."""
     global _thread_count
     if _thread_count == 0:
-        set_thread_count(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+        set_thread_count(
+            len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        )
     return _thread_count
 
 
@@ -124,7 +127,7 @@ def launch(
     edges = [min(dim, blocks * k // count * align) for k in range(count + 1)]
     ranges = deque(
         wp.launch(kernel, end - start, inputs=[start, *inputs], record_cmd=True, **arguments)
-        for start, end in zip(edges[:-1], edges[1:], strict=True)
+        for start, end in pairwise(edges)
     )
 
     def drain() -> None:

@@ -146,7 +146,14 @@ def project(lens_kind: str, count: int, inputs: list, outputs: list, *, device: 
 
 
 def project_adjoint(
-    lens_kind: str, count: int, inputs: list, outputs: list, adj_inputs: list, adj_outputs: list, *, device: object
+    lens_kind: str,
+    count: int,
+    inputs: list,
+    outputs: list,
+    adj_inputs: list,
+    adj_outputs: list,
+    *,
+    device: object,
 ) -> None:
     """Add the gradients of the inputs, given those of the outputs. Arguments as in the kernel."""
     launch(

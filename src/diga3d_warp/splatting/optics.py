@@ -40,9 +40,7 @@ class Optics:
 
 def optics_of(camera: Camera) -> Optics:
     """The optics of a camera; kept for the next call with the same intrinsics."""
-    return _optics(
-        camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.distortion
-    )
+    return _optics(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.distortion)
 
 
 @lru_cache(maxsize=256)

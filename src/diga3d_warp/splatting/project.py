@@ -82,7 +82,11 @@ class _Project(torch.autograd.Function):
         count = len(means)
         outputs = tuple(means.new_zeros((count, *tail)) for tail in ((2,), (), (3,), (2,), ()))
         projection.project(
-            optics.lens_kind, count, _arguments(inputs, optics), _arrays(outputs, _OUTPUTS), device=_device(means)
+            optics.lens_kind,
+            count,
+            _arguments(inputs, optics),
+            _arrays(outputs, _OUTPUTS),
+            device=_device(means),
         )
         ctx.save_for_backward(*inputs, *outputs)
         ctx.optics = optics

@@ -49,7 +49,9 @@ class _Shade(torch.autograd.Function):
     def forward(ctx, means, sh, eyes, extents, degree: int):
         inputs = tuple(tensor.detach().contiguous() for tensor in (means, sh, eyes, extents))
         colors = torch.zeros_like(inputs[0])
-        harmonics.shade(degree, len(means), _arrays(inputs), [warp_array(colors, wp.vec3)], device=_device(means))
+        harmonics.shade(
+            degree, len(means), _arrays(inputs), [warp_array(colors, wp.vec3)], device=_device(means)
+        )
         ctx.save_for_backward(*inputs, colors)
         ctx.degree = degree
         return colors
@@ -63,7 +65,12 @@ class _Shade(torch.autograd.Function):
             len(colors),
             _arrays(inputs),
             [warp_array(colors, wp.vec3)],
-            [warp_array(adj_means, wp.vec3), warp_array(adj_sh, wp.vec3), warp_array(adj_eyes, wp.vec3), None],
+            [
+                warp_array(adj_means, wp.vec3),
+                warp_array(adj_sh, wp.vec3),
+                warp_array(adj_eyes, wp.vec3),
+                None,
+            ],
             [warp_array(like(adj_colors, colors), wp.vec3)],
             device=_device(colors),
         )
