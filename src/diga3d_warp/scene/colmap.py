@@ -1,4 +1,4 @@
-"""COLMAP reconstructions: camera models, `sparse/` folders in and out."""
+"""COLMAP reconstructions: `sparse/` folders in and out."""
 
 from __future__ import annotations
 
@@ -9,11 +9,54 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from diga3d_warp.errors import InputError
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.capture import Capture, Shot, image_folders, image_key, inside
+from diga3d_warp.scene.colmap_files import find_file, read_cameras, read_images, read_points
 from diga3d_warp.scene.scene import Points
 
 if TYPE_CHECKING:
     import pycolmap
+
+
+# Where COLMAP, nerfstudio and people put a reconstruction, below the scene folder.
+_SPARSE_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0")
+
+
+def find_reconstruction(root: Path) -> Path | None:
+    """The folder below `root` that holds a COLMAP reconstruction with images, or None."""
+    folders = (root / name for name in _SPARSE_FOLDERS)
+    return next((f for f in folders if find_file(f, "cameras") and find_file(f, "images")), None)
+
+
+def read_colmap(root: Path, reconstruction: Path) -> Capture:
+    """Read a COLMAP scene.
+
+    Args:
+        root: Scene folder with `images` or `images_N`.
+        reconstruction: Folder with the cameras, images and points3D files, .bin or .txt; points3D may be
+            missing.
+
+    Raises:
+        InputError: a file is missing or damaged, an image names a camera that is not there, or a camera
+            model is not supported.
+    """
+    cameras_file, images_file = find_file(reconstruction, "cameras"), find_file(reconstruction, "images")
+    if cameras_file is None or images_file is None:
+        raise InputError(f"{reconstruction}: the cameras or images file is missing; rerun COLMAP")
+    cameras = read_cameras(cameras_file)
+    shots = []
+    for name, (number, pose) in read_images(images_file).items():
+        if number not in cameras:
+            raise InputError(
+                f"{images_file}: {name} was taken with camera {number}, which {cameras_file.name} lacks; "
+                "use the files of one COLMAP run"
+            )
+        key = image_key(inside(root, name, images_file))
+        shots.append(Shot(key, cameras[number].with_pose(pose)))
+    points_file = find_file(reconstruction, "points3D")
+    points = read_points(points_file) if points_file else None
+    return Capture("colmap", shots, image_folders(root), points)
 
 
 def colmap_lens(camera: Camera) -> tuple[str, list[float]]:

@@ -1,0 +1,80 @@
+"""LLFF captures (and SPIn-NeRF's): poses_bounds.npy, one row per image in sorted order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.capture import Capture, Shot, image_files, image_folders
+from diga3d_warp.scene.colmap_files import find_file, read_cameras, read_points
+
+
+def _rows(path: Path) -> np.ndarray:
+    try:
+        rows = np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise InputError(f"{path}: not readable as a NumPy array ({error}); write it again") from None
+    numeric = isinstance(rows, np.ndarray) and np.issubdtype(rows.dtype, np.number)
+    if not numeric or rows.ndim != 2 or rows.shape[1] != 17:
+        raise InputError(f"{path}: expected one row of 17 numbers per image; run LLFF's imgs2poses again")
+    return rows.astype(np.float64)
+
+
+def _world_to_camera(pose: np.ndarray) -> np.ndarray:
+    """From LLFF's camera-to-world columns (down, right, backwards, centre), shape (3, 4)."""
+    down, right, backwards, center = pose.T
+    rotation = np.stack([right, down, -backwards])
+    world_to_camera = np.eye(4)
+    world_to_camera[:3, :3] = rotation
+    world_to_camera[:3, 3] = -rotation @ center
+    return world_to_camera
+
+
+def _shared_lens(sparse: Path) -> Camera | None:
+    """The one camera of sparse/0, with its distortion; None where there are none or several.
+
+    Without the images file nothing tells which of several cameras took an image.
+    """
+    cameras_file = find_file(sparse, "cameras")
+    cameras = list(read_cameras(cameras_file).values()) if cameras_file else []
+    return cameras[0] if len(cameras) == 1 else None
+
+
+def read_llff(root: Path) -> Capture:
+    """Read an LLFF scene: poses_bounds.npy with images, and lens and points of sparse/0 if they are there.
+
+    Poses stay in COLMAP's world, which LLFF does not change, so the points of sparse/0 belong to them.
+
+    Raises:
+        InputError: the file is damaged, or no image folder holds as many images as it has rows.
+    """
+    path = root / "poses_bounds.npy"
+    rows = _rows(path)
+    folders = image_folders(root)
+    # SPIn-NeRF keeps masks in subfolders of the image folders: only the images at the top have rows.
+    keys = {n: [key for key in image_files(folder) if "/" not in key] for n, folder in folders.items()}
+    # The rows name no images: only a complete folder tells which row is whose.
+    complete = next((k for k in keys.values() if len(k) == len(rows)), None)
+    if complete is None:
+        counts = ", ".join(f"{len(k)} in {folders[factor].name}" for factor, k in keys.items())
+        raise InputError(
+            f"{path}: {len(rows)} poses but {counts or 'no images'}; rows and images are matched by sorted "
+            "order, so restore the missing images"
+        )
+    sparse = root / "sparse" / "0"
+    lens = _shared_lens(sparse)
+    shots = []
+    for key, row in zip(complete, rows, strict=True):
+        matrix = row[:15].reshape(3, 5)
+        height, width, focal = matrix[:, 4]
+        if not (np.isfinite(row).all() and min(height, width, focal) > 0):
+            raise InputError(f"{path}: the row of {key} is not a camera; run LLFF's imgs2poses again")
+        own = lens or Camera(round(width), round(height), focal, focal, width / 2, height / 2, torch.eye(4))
+        shots.append(Shot(key, own.with_pose(_world_to_camera(matrix[:, :4]))))
+    points_file = find_file(sparse, "points3D")
+    points = read_points(points_file) if points_file else None
+    return Capture("llff", shots, folders, points)
