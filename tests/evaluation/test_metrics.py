@@ -76,10 +76,23 @@ def test_regions_are_apart(pair):
         assert scores[region].psnr == pytest.approx(-10 * math.log10(value), abs=1e-6)
     similarity = reference_ssim(image, truth)
     assert scores["masked"].ssim == pytest.approx(similarity[mask].mean(), abs=1e-6)
+    image[mask] = truth[mask]
+    similarity = reference_ssim(image, truth)
     assert scores["unmasked"].ssim == pytest.approx(similarity[~mask].mean(), abs=1e-6)
     crop = reference_ssim(image[5:25, 10:30], truth[5:25, 10:30])
     assert scores["box"].ssim == pytest.approx(crop.mean(), abs=1e-6)
     assert len({round(score.psnr, 6) for score in scores.values()}) == 4
+
+
+def test_edit_does_not_reach_unmasked_figures(pair):
+    image, truth = pair
+    mask = np.zeros(SIZE, bool)
+    mask[10:20, 10:20] = True
+    before = compare(image, truth, mask)
+    image[10:20, 10:20] = 0.0
+    after = compare(image, truth, mask)
+    assert after["unmasked"] == before["unmasked"]
+    assert after["masked"].psnr < before["masked"].psnr - 3
 
 
 def test_values_are_clipped_as_on_a_screen():

@@ -14,12 +14,13 @@ import numpy as np
 import torch
 
 SSIM_WINDOW = 11
-"""Side of SSIM's Gaussian window [px], sigma 1.5 px: Wang et al. 2004, and 3DGS. A bounding box is grown to at
-least this size, for a window must fit."""
+"""Side of SSIM's Gaussian window [px], sigma 1.5 px: Wang et al. 2004, and 3DGS. A bounding box is grown to
+at least this size, for a window must fit."""
 
 REGIONS = ("whole", "masked", "box", "unmasked")
 """whole: every pixel. masked: pixels of the mask. box: the mask's bounding box, mask or not. unmasked: the
-rest. SSIM of "masked" and "unmasked" is the mean of the whole image's SSIM map there."""
+rest. SSIM of "masked" is the mean of the whole image's SSIM map there; of "unmasked" likewise, after the mask's
+pixels have been made equal, since the window would carry an edit into its surroundings."""
 
 
 @dataclass(frozen=True)
@@ -94,10 +95,11 @@ def compare(
     if mask is None:
         return scores
     masked = torch.as_tensor(mask).cpu()
-    for region, pixels in (("masked", masked), ("unmasked", ~masked)):
-        if pixels.any():
-            scores[region] = Score(psnr(image, truth, pixels), float(similarity[pixels].mean()))
+    if not masked.all():
+        outside = ssim_map(torch.where(masked[..., None], truth, image), truth)[~masked]
+        scores["unmasked"] = Score(psnr(image, truth, ~masked), float(outside.mean()))
     if masked.any():
+        scores["masked"] = Score(psnr(image, truth, masked), float(similarity[masked].mean()))
         rows, columns = bounding_box(masked)
         inner, outer = image[rows, columns], truth[rows, columns]
         scores["box"] = Score(psnr(inner, outer), ssim(inner, outer))

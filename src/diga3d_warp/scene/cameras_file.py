@@ -18,6 +18,7 @@ import torch
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import read_json, write_json
 from diga3d_warp.scene.camera import Camera, Distortion
+from diga3d_warp.scene.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,14 @@ class CameraSet:
 
     train: Mapping[str, Camera]
     test: Mapping[str, Camera] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, scene: Scene) -> CameraSet:
+        """The cameras of a scene's views."""
+        return cls(
+            {view.name: view.camera for view in scene.views},
+            {view.name: view.camera for view in scene.test_views},
+        )
 
 
 def save_cameras(path: Path, cameras: CameraSet) -> None:

@@ -1,0 +1,124 @@
+"""Protocols on a run whose right figures are known."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.evaluation.metrics import Score
+from diga3d_warp.evaluation.protocols import evaluate
+from diga3d_warp.evaluation.record import RESULT, SOURCE, read_metrics
+from diga3d_warp.evaluation.tables import Table, score_table
+from diga3d_warp.files import write_image
+
+FOUR_LEVELS = -20 * math.log10(4 / 255)  # PSNR of the toy photographs' error
+
+
+def comparisons(folder):
+    return {entry["title"]: entry for entry in read_metrics(folder)["evaluation"]["comparisons"]}
+
+
+def test_removal_against_held_out_photographs(toy_run):
+    assert 0.02 < np.mean([view.mask.mean() for view in toy_run.scene.test_views]) < 0.6
+    tables = evaluate(toy_run.folder, scene=toy_run.scene)
+    found = comparisons(toy_run.folder)
+    assert list(found) == [
+        "source against photographs",
+        "edited against photographs",
+        "edited against source",
+    ]
+    source, edited, change = (entry["mean"] for entry in found.values())
+    # Rendering is not rounded to 8 bits as the photographs are: the error is 4 levels give or take half.
+    assert source["whole"]["psnr"] == pytest.approx(FOUR_LEVELS, abs=0.3)
+    assert set(edited) == set(change) == {"unmasked"}
+    assert edited["unmasked"] == source["unmasked"], "outside the mask nothing changed"
+    assert change["unmasked"]["psnr"] is None, "equal pixels"
+    assert list(found["edited against source"]["views"]) == ["view_0", "view_4"]
+    assert "unmasked PSNR" in tables[0].columns
+    assert "inf" in tables[0].text()
+    assert "LPIPS is not measured" in tables[0].title
+
+
+def test_change_outside_the_mask_shows(toy_run):
+    view = toy_run.scene.test_views[0]
+    rows, columns = view.mask.nonzero()
+    small = np.zeros_like(view.mask)
+    small[rows[0], columns[0]] = True
+    for name in ("view_0", "view_4"):
+        write_image(toy_run.folder / "masks" / f"{name}.png", small)
+    evaluate(toy_run.folder, scene=toy_run.scene)
+    source, edited, change = (
+        entry["mean"]["unmasked"]["psnr"] for entry in comparisons(toy_run.folder).values()
+    )
+    assert edited < source - 3, "the mask that the run used counts, not the scene's"
+    assert change < 40
+
+
+def test_views_without_masks_give_no_region(toy_run):
+    views = [replace(view, mask=None) for view in toy_run.scene.test_views]
+    evaluate(toy_run.folder, scene=replace(toy_run.scene, test_views=views))
+    means = [entry["mean"] for entry in comparisons(toy_run.folder).values()]
+    assert set(means[0]) == {"whole"}
+    assert means[1] == means[2] == {}
+
+
+def test_fit_against_held_out_photographs(toy_run):
+    (toy_run.folder / SOURCE).replace(toy_run.folder / RESULT)
+    evaluate(toy_run.folder, scene=toy_run.scene)
+    mean = comparisons(toy_run.folder)["fit against photographs"]["mean"]
+    assert set(mean) == {"whole"}
+    assert mean["whole"]["psnr"] == pytest.approx(FOUR_LEVELS, abs=0.3)
+
+
+def test_spin_nerf_scores_whole_masked_and_box(toy_run, toy_truth):
+    tables = evaluate(toy_run.folder, "spin-nerf", scene=toy_truth)
+    (entry,) = comparisons(toy_run.folder).values()
+    mean = {region: score["psnr"] for region, score in entry["mean"].items()}
+    assert mean["masked"] == pytest.approx(-20 * math.log10(16 / 255), abs=0.3)
+    assert mean["masked"] < mean["box"] < mean["whole"] < mean["unmasked"]
+    assert len(tables) == 2
+    assert [row[0] for row in tables[1].rows] == ["view_0", "view_4"]
+
+
+def test_other_image_scale(toy_run, toy_truth):
+    views = [
+        replace(
+            view,
+            camera=view.camera.resized(24, 18),
+            pixels=np.ascontiguousarray(view.pixels[::2, ::2]),
+            mask=view.mask[::2, ::2],
+        )
+        for view in toy_truth.test_views
+    ]
+    scene = replace(toy_truth, test_views=views)
+    tables = evaluate(toy_run.folder, "spin-nerf", image_scale=0.5, scene=scene)
+    assert "image scale 0.5" in tables[0].title
+    assert 10 < comparisons(toy_run.folder)["edited against ground truth"]["mean"]["whole"]["psnr"] < 40
+
+
+def test_what_cannot_be_measured_is_one_line(toy_run):
+    with pytest.raises(InputError, match="no ground-truth views"):
+        evaluate(toy_run.folder, "spin-nerf", scene=toy_run.scene)
+    with pytest.raises(InputError, match="held out no views"):
+        evaluate(toy_run.folder, scene=replace(toy_run.scene, test_views=[]))
+    (toy_run.folder / RESULT).unlink()
+    with pytest.raises(InputError, match=r"no point_cloud\.ply: finish the run"):
+        evaluate(toy_run.folder, scene=toy_run.scene)
+
+
+def test_table_as_text():
+    rows = {
+        "mine": {"whole": Score(31.234, 0.91239), "masked": Score(math.inf, 1.0)},
+        "other": {"whole": Score(9.0, 0.5)},
+    }
+    table = score_table("Likeness", "splat", rows)
+    assert table.text().splitlines() == [
+        "Likeness",
+        "splat  whole PSNR    SSIM  masked PSNR    SSIM",
+        "----------------------------------------------",
+        "mine        31.23  0.9124          inf  1.0000",
+        "other        9.00  0.5000            –       –",
+    ]
+    assert Table.from_json(table.as_json()).text() == table.text()
