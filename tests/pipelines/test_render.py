@@ -1,0 +1,62 @@
+"""Rendering a run: a video that plays, frames, and what cannot be written."""
+
+import cv2
+import numpy as np
+import pytest
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.evaluation.record import RESULT
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.pipelines.render import render_path
+from diga3d_warp.splatting.render import render
+
+
+def read_video(path):
+    video = cv2.VideoCapture(str(path))
+    frames = []
+    while True:
+        more, frame = video.read()
+        if not more:
+            return frames
+        frames.append(frame[..., ::-1])
+
+
+@pytest.mark.parametrize("ending", [".webm", ".mp4", ".avi"])
+def test_video(toy_run, tmp_path, ending):
+    out = render_path(toy_run.folder, tmp_path / f"flight{ending}", frames=5, size=(97, 65))
+    frames = read_video(out)
+    assert len(frames) == 5
+    assert {frame.shape for frame in frames} == {(64, 96, 3)}
+    assert frames[0].std() > 10
+    still = render_path(toy_run.folder, tmp_path / "flight", frames=5, size=(97, 65))
+    picture = cv2.imread(str(still / "0000.png"))[:64, :96, ::-1]
+    error = np.abs(picture.astype(float) - frames[0])
+    assert error.mean() < 12, "the video shows the frame, colours in order"
+
+
+def test_frames_at_the_views_are_the_views(toy_run):
+    out = render_path(toy_run.folder, toy_run.folder / "frames", path="views")
+    names = sorted(file.name for file in out.iterdir())
+    assert names == [f"{index:04d}.png" for index in range(6)]
+    splat = Gaussians.load_ply(toy_run.folder / RESULT)
+    expected = render(splat, toy_run.scene.views[2].camera).color.detach().clamp(0, 1).numpy() * 255
+    picture = cv2.imread(str(out / "0002.png"))[..., ::-1]
+    assert picture.shape == (36, 48, 3)
+    np.testing.assert_allclose(picture, expected, atol=0.51)
+
+
+def test_default_is_a_video_in_the_run(toy_run):
+    assert render_path(toy_run.folder, frames=2) == toy_run.folder / "path.webm"
+    assert len(read_video(toy_run.folder / "path.webm")) == 2
+    assert not list(toy_run.folder.glob(".*")), "no temporary file stays"
+
+
+def test_what_cannot_be_rendered_is_one_line(toy_run, tmp_path):
+    with pytest.raises(InputError, match=r"ends in \.gif"):
+        render_path(toy_run.folder, tmp_path / "flight.gif")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        render_path(toy_run.folder, tmp_path / "file" / "frames", frames=1)
+    (toy_run.folder / RESULT).unlink()
+    with pytest.raises(InputError, match=r"no point_cloud\.ply"):
+        render_path(toy_run.folder)
