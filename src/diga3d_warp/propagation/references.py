@@ -1,0 +1,113 @@
+"""Which views are filled first: K references that stand for all others (paper Sec. 4.1)."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from diga3d_warp.errors import InputError
+
+RESTARTS = 10
+"""K-means runs from different starts; the best is kept, since a single run may end in a poor split. 10 is
+scikit-learn's customary number (`n_init`)."""
+
+
+@dataclass(frozen=True, eq=False)
+class References:
+    """Reference views, the one with the largest cluster first.
+
+    Attributes:
+        indices: Index of each reference among the views, shape (K,).
+        cluster: For every view, which reference stands for it, as an index into `indices`, shape (N,), int64.
+    """
+
+    indices: list[int]
+    cluster: np.ndarray
+
+
+def select_references(
+    centers: np.ndarray,
+    count: int = 3,
+    seed: int = 0,
+    method: Literal["kmeans", "random"] = "kmeans",
+) -> References:
+    """Choose reference views from the camera centres.
+
+    "kmeans" clusters the centres and takes the view nearest to the middle of each cluster, as the paper does.
+    "random" draws the views: what k-means is compared with. Both then give every view to its nearest
+    reference.
+
+    Args:
+        centers: Camera centres in world space [scene units], shape (N, 3).
+        count: Number of references K.
+        seed: Same seed, same references.
+        method: How to choose.
+
+    Raises:
+        InputError: there are fewer views than references, no reference is asked for, or the method is
+            unknown.
+    """
+    centers = np.asarray(centers, np.float64)
+    if not 1 <= count <= len(centers):
+        raise InputError(
+            f"{count} references cannot be chosen from {len(centers)} views: ask for 1 to {len(centers)}"
+        )
+    generator = np.random.default_rng(seed)
+    if method == "kmeans":
+        indices = _nearest_to_means(centers, count, generator)
+    elif method == "random":
+        indices = generator.choice(len(centers), count, replace=False)
+    else:
+        raise InputError(f"reference method {method!r} is unknown: use 'kmeans' or 'random'")
+    cluster = _distances(centers, centers[indices]).argmin(1)
+    cluster[indices] = np.arange(count)  # cameras at one place: each reference stands for itself
+    order = np.argsort(-np.bincount(cluster, minlength=count), kind="stable")
+    return References([int(i) for i in indices[order]], np.argsort(order)[cluster])
+
+
+def _nearest_to_means(centers: np.ndarray, count: int, generator: np.random.Generator) -> np.ndarray:
+    from scipy.cluster.vq import kmeans2
+
+    scale = max(float(np.ptp(centers, axis=0).max()), 1e-12)
+    points = (centers - centers.mean(0)) / scale
+    best, best_error = points[:count], np.inf
+    for _ in range(RESTARTS):
+        start = _spread_start(points, count, generator)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # an empty cluster: cameras at one place, nothing to mend
+            means, label = kmeans2(points, start, minit="matrix")
+        error = float(((points - means[label]) ** 2).sum())
+        if error < best_error:
+            best, best_error = means, error
+    return _distinct_nearest(_distances(points, best))
+
+
+def _spread_start(points: np.ndarray, count: int, generator: np.random.Generator) -> np.ndarray:
+    """First means far from each other (k-means++); chosen here so that no two coincide if they need not."""
+    chosen = [int(generator.integers(len(points)))]
+    for _ in range(count - 1):
+        distance = _distances(points, points[chosen]).min(1)
+        distance[chosen] = 0.0
+        if distance.sum() > 0.0:
+            chosen.append(int(generator.choice(len(points), p=distance / distance.sum())))
+        else:
+            chosen.append(next(i for i in range(len(points)) if i not in chosen))
+    return points[chosen]
+
+
+def _distinct_nearest(distance: np.ndarray) -> np.ndarray:
+    """The nearest view of each mean, no view twice."""
+    free = distance.copy()
+    indices = []
+    for k in range(distance.shape[1]):
+        indices.append(int(free[:, k].argmin()))
+        free[indices[-1]] = np.inf
+    return np.array(indices)
+
+
+def _distances(points: np.ndarray, means: np.ndarray) -> np.ndarray:
+    """Squared distances, shape (points, means)."""
+    return ((points[:, None] - means[None]) ** 2).sum(-1)
