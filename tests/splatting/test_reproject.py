@@ -220,8 +220,8 @@ def test_points_beyond_the_fold_of_a_lens_do_not_come_back():
     source = camera(64, 48, 12.0)  # sees farther out than the lens of the target maps one to one
     target = camera(64, 48, 40.0, lens=lens)
     depth = torch.full((48, 64), 2.0)
-    positions = locate(depth, source, target)
-    seen = torch.isfinite(positions[..., 0])
+    positions = locate(torch.arange(48 * 64), depth.view(-1), source, target)
+    seen = torch.isfinite(positions[:, 0]).view(48, 64)
     radius = torch.linalg.norm(torch.tensor(rays(source)[..., :2]), dim=-1)
     assert (radius[seen] < np.sqrt(1 / 1.8)).all()
     assert seen.sum() > 100 and (~seen).sum() > 100

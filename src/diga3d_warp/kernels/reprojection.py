@@ -324,9 +324,9 @@ def locate(depth: wp.array, motion: Motion, positions: wp.array) -> None:
     """Where source pixels lie in the target: (column, row, depth), or NaN where they lie nowhere.
 
     Args:
-        depth: Depth of the source pixels [scene units], shape [H * W].
-        motion: From source to target.
-        positions: Output, shape [H * W], 3-vectors of float64.
+        depth: Depth of the source pixels [scene units], shape [P].
+        motion: From source to target; its rays are those of the same P pixels.
+        positions: Output, shape [P], 3-vectors of float64.
     """
     launch(
         position_kernel(motion.lens_kind, depth.dtype),

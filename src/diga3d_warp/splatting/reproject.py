@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -59,22 +60,25 @@ def reproject(image: torch.Tensor, depth: torch.Tensor, source: Camera, target: 
     return Warp(*_Reproject.apply(image, depth, motion_between(source, target, depth.device)))
 
 
-def locate(depth: torch.Tensor, source: Camera, target: Camera) -> torch.Tensor:
-    """Where the pixels of one camera lie in another.
+def locate(pixels: torch.Tensor, depth: torch.Tensor, source: Camera, target: Camera) -> torch.Tensor:
+    """Where some pixels of one camera lie in another.
 
     Args:
-        depth: z along the source camera's axis [scene units], shape (H, W), float32 or float64.
+        pixels: Indices row * W + column in the source, shape (P,), int64.
+        depth: z of these pixels along the source camera's axis [scene units], shape (P,), float32 or float64.
         source, target: The two cameras.
 
     Returns:
-        Column [px], row [px] and depth [scene units] in the target, shape (H, W, 3), float64; NaN where a
-        pixel has no usable depth or lies behind the target. Not differentiable.
+        Column [px], row [px] and depth [scene units] in the target, shape (P, 3), float64; NaN where a pixel
+        has no usable depth or lies behind the target. Not differentiable.
     """
-    positions = torch.empty((*depth.shape, 3), dtype=torch.float64, device=depth.device)
+    motion = motion_between(source, target, depth.device)
+    rays = wp.to_torch(motion.rays)[pixels]
+    positions = torch.empty((len(pixels), 3), dtype=torch.float64, device=depth.device)
     reprojection.locate(
-        warp_array(depth.reshape(-1).contiguous(), _SCALARS[depth.dtype]),
-        motion_between(source, target, depth.device),
-        warp_array(positions.view(-1, 3), wp.vec3d),
+        _depths(depth.contiguous()),
+        replace(motion, rays=warp_array(rays, wp.vec2d)),
+        warp_array(positions, wp.vec3d),
     )
     return positions
 
