@@ -19,8 +19,8 @@ at least this size, for a window must fit."""
 
 REGIONS = ("whole", "masked", "box", "unmasked")
 """whole: every pixel. masked: pixels of the mask. box: the mask's bounding box, mask or not. unmasked: the
-rest. SSIM of "masked" is the mean of the whole image's SSIM map there; of "unmasked" likewise, after the mask's
-pixels have been made equal, since the window would carry an edit into its surroundings."""
+rest. SSIM of "masked" is the mean of the whole image's SSIM map there; of "unmasked" likewise, after the
+mask's pixels have been made equal, since the window would carry an edit into its surroundings."""
 
 
 @dataclass(frozen=True)
