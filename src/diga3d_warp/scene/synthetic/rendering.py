@@ -1,0 +1,131 @@
+"""Views of the synthetic room: rays of a pinhole camera, textured hits, one image from several surfaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from diga3d_warp.kernels.raycast import Hits, nearest_hits
+from diga3d_warp.kernels.texturing import hit_colors, pyramid
+from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.synthetic.lighting import warp_mesh
+from diga3d_warp.scene.synthetic.materials import GAMMA, MATERIALS, texture
+from diga3d_warp.scene.synthetic.solids import Surface
+
+
+class Textures:
+    """The textures of all materials as pyramids in one array, in the order of `MATERIALS`.
+
+    Attributes:
+        mean: Average linear colour of each material, shape (M, 3).
+        arrays: Texels, starts, sides and periods, as `kernels.texturing.hit_colors` takes them.
+    """
+
+    def __init__(self, seed: int, device: str = "cpu") -> None:
+        pyramids = [pyramid(texture(name, seed) ** GAMMA) for name in MATERIALS]
+        starts = np.cumsum([0] + [len(p) for p in pyramids[:-1]]).astype(np.int32)
+        sides = np.array([m.side for m in MATERIALS.values()], np.int32)
+        periods = np.array([m.period for m in MATERIALS.values()], np.float32)
+        self.mean = np.stack([p[-1] for p in pyramids])
+        self.arrays: tuple[wp.array, wp.array, wp.array, wp.array] = (
+            wp.array(np.concatenate(pyramids), dtype=wp.vec3, device=device),
+            wp.array(starts, dtype=wp.int32, device=device),
+            wp.array(sides, dtype=wp.int32, device=device),
+            wp.array(periods, dtype=float, device=device),
+        )
+
+    def corner_albedo(self, surface: Surface) -> np.ndarray:
+        """Linear colour of each corner, averaged over its texture, shape (V, 3)."""
+        material = np.zeros(len(surface.vertices), np.int32)
+        material[surface.faces] = surface.materials[:, None]
+        return self.mean[material] * surface.tints
+
+
+class Body:
+    """A surface ready to be seen: its mesh, and what the colour of a hit needs besides light."""
+
+    def __init__(self, surface: Surface, textures: Textures, device: str = "cpu") -> None:
+        self.mesh = warp_mesh(surface, device)
+        self.textures = textures
+        self._tints = surface.tints
+        self._uvs: wp.array = wp.array(surface.uvs.astype(np.float32), dtype=wp.vec2, device=device)
+        self._materials: wp.array = wp.array(surface.materials, dtype=wp.int32, device=device)
+
+    def tinted(self, light: np.ndarray) -> wp.array:
+        """Light at the corners times their tint, as `colors` takes it; `light` has shape (V, 3)."""
+        return wp.array((light * self._tints).astype(np.float32), dtype=wp.vec3, device=self.mesh.device)
+
+    def colors(self, hits: Hits, tinted_light: wp.array, ray_spread: float) -> np.ndarray:
+        """Linear colour of each hit, shape (R, 3); zero where nothing was met."""
+        return hit_colors(
+            hits,
+            self.mesh.indices,
+            tinted_light,
+            self._uvs,
+            self._materials,
+            self.textures.arrays,
+            ray_spread,
+        ).numpy()
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Rays of a camera: one through the centre of each pixel, then grid x grid through each.
+
+    Attributes:
+        origins, directions: World space, shape ((1 + grid^2) H W,), vec3; directions of unit length.
+        slant: z depth per distance along the ray of each pixel's centre, shape (H, W), float32.
+        spread: Width of a supersampling ray's share of the image at distance 1.
+        grid: Supersampling rays per axis of a pixel.
+    """
+
+    origins: wp.array
+    directions: wp.array
+    slant: np.ndarray
+    spread: float
+    grid: int
+
+
+def camera_rays(camera: Camera, grid: int, device: str = "cpu") -> Rays:
+    """Rays of a pinhole camera.
+
+    Args:
+        camera: Without distortion.
+        grid: Supersampling rays per axis of a pixel.
+        device: Warp device.
+    """
+    steps = (np.arange(grid) + 0.5) / grid
+    inside_x = np.concatenate([[0.5], np.tile(steps, grid)])
+    inside_y = np.concatenate([[0.5], np.repeat(steps, grid)])
+    x = ((np.arange(camera.width) + inside_x[:, None] - camera.cx) / camera.fx)[:, None, :, None]
+    y = ((np.arange(camera.height) + inside_y[:, None] - camera.cy) / camera.fy)[:, :, None, None]
+    right, down, forward = camera.pose[:3, :3]
+    slant = 1 / np.sqrt(x * x + y * y + 1)
+    directions = ((x * right + y * down + forward) * slant).astype(np.float32).reshape(-1, 3)
+    origins = np.tile(camera.center.astype(np.float32), (len(directions), 1))
+    return Rays(
+        wp.array(origins, dtype=wp.vec3, device=device),
+        wp.array(directions, dtype=wp.vec3, device=device),
+        slant[0, ..., 0].astype(np.float32),
+        1.0 / (camera.fx * grid),
+        grid,
+    )
+
+
+def cast(body: Body, rays: Rays) -> Hits:
+    """Where the rays of a camera meet a body."""
+    return nearest_hits(body.mesh, rays.origins, rays.directions)
+
+
+def developed(linear: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Image of the supersampling rays' linear colours, averaged per pixel, shape (H, W, 3), uint8 RGB.
+
+    Args:
+        linear: Colour of all rays of a camera, shape ((1 + grid^2) H W, 3).
+        shape: (H, W).
+    """
+    samples = linear.reshape(-1, *shape, 3)[1:]
+    display = np.clip(samples.mean(0), 0, 1) ** (1 / GAMMA)
+    return np.round(display * 255).astype(np.uint8)
