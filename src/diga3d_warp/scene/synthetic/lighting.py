@@ -39,19 +39,21 @@ class Lighting:
 
 LIGHTING = Lighting()
 
+DEVICE = "cpu"
+"""Where captures are made: the same seed then gives the same bytes with and without a GPU."""
 
-def corner_light(surface: Surface, albedo: np.ndarray, seed: int, device: str = "cpu") -> np.ndarray:
+
+def corner_light(surface: Surface, albedo: np.ndarray, seed: int) -> np.ndarray:
     """Light that each corner of `surface` receives, with shadows and one bounce, shape (V, 3), float32.
 
     Args:
         surface: Everything that casts shadows and sends light back.
         albedo: Linear RGB that each corner sends back, averaged over its texture, shape (V, 3).
         seed: Of the sampling noise.
-        device: Warp device.
     """
-    mesh = warp_mesh(surface, device)
-    positions: wp.array = wp.array(_inward_positions(surface), dtype=wp.vec3, device=device)
-    normals: wp.array = wp.array(surface.normals.astype(np.float32), dtype=wp.vec3, device=device)
+    mesh = warp_mesh(surface)
+    positions: wp.array = wp.array(_inward_positions(surface), dtype=wp.vec3, device=DEVICE)
+    normals: wp.array = wp.array(surface.normals.astype(np.float32), dtype=wp.vec3, device=DEVICE)
     center = np.array(LIGHTING.lamp_center)
     axis = -center / np.linalg.norm(center)
     half_u = np.cross(axis, (0.0, 0.0, 1.0))
@@ -72,7 +74,7 @@ def corner_light(surface: Surface, albedo: np.ndarray, seed: int, device: str = 
     sent = albedo * (direct + 0.5 * np.array(LIGHTING.sky))
     ambient = gathered_light(
         mesh,
-        wp.array(sent.astype(np.float32), dtype=wp.vec3, device=device),
+        wp.array(sent.astype(np.float32), dtype=wp.vec3, device=DEVICE),
         positions,
         normals,
         sky=wp.vec3(*LIGHTING.sky),
@@ -82,11 +84,11 @@ def corner_light(surface: Surface, albedo: np.ndarray, seed: int, device: str = 
     return direct + ambient
 
 
-def warp_mesh(surface: Surface, device: str = "cpu") -> wp.Mesh:
+def warp_mesh(surface: Surface) -> wp.Mesh:
     """The triangles of a surface, ready for rays."""
     return wp.Mesh(
-        points=wp.array(surface.vertices.astype(np.float32), dtype=wp.vec3, device=device),
-        indices=wp.array(surface.faces.reshape(-1), dtype=wp.int32, device=device),
+        points=wp.array(surface.vertices.astype(np.float32), dtype=wp.vec3, device=DEVICE),
+        indices=wp.array(surface.faces.reshape(-1), dtype=wp.int32, device=DEVICE),
     )
 
 

@@ -10,7 +10,7 @@ import warp as wp
 from diga3d_warp.kernels.raycast import Hits, nearest_hits
 from diga3d_warp.kernels.texturing import hit_colors, pyramid
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.synthetic.lighting import warp_mesh
+from diga3d_warp.scene.synthetic.lighting import DEVICE, warp_mesh
 from diga3d_warp.scene.synthetic.materials import GAMMA, MATERIALS, texture
 from diga3d_warp.scene.synthetic.solids import Surface
 
@@ -23,17 +23,17 @@ class Textures:
         arrays: Texels, starts, sides and periods, as `kernels.texturing.hit_colors` takes them.
     """
 
-    def __init__(self, seed: int, device: str = "cpu") -> None:
+    def __init__(self, seed: int) -> None:
         pyramids = [pyramid(texture(name, seed) ** GAMMA) for name in MATERIALS]
         starts = np.cumsum([0] + [len(p) for p in pyramids[:-1]]).astype(np.int32)
         sides = np.array([m.side for m in MATERIALS.values()], np.int32)
         periods = np.array([m.period for m in MATERIALS.values()], np.float32)
         self.mean = np.stack([p[-1] for p in pyramids])
         self.arrays: tuple[wp.array, wp.array, wp.array, wp.array] = (
-            wp.array(np.concatenate(pyramids), dtype=wp.vec3, device=device),
-            wp.array(starts, dtype=wp.int32, device=device),
-            wp.array(sides, dtype=wp.int32, device=device),
-            wp.array(periods, dtype=float, device=device),
+            wp.array(np.concatenate(pyramids), dtype=wp.vec3, device=DEVICE),
+            wp.array(starts, dtype=wp.int32, device=DEVICE),
+            wp.array(sides, dtype=wp.int32, device=DEVICE),
+            wp.array(periods, dtype=float, device=DEVICE),
         )
 
     def corner_albedo(self, surface: Surface) -> np.ndarray:
@@ -46,16 +46,16 @@ class Textures:
 class Body:
     """A surface ready to be seen: its mesh, and what the colour of a hit needs besides light."""
 
-    def __init__(self, surface: Surface, textures: Textures, device: str = "cpu") -> None:
-        self.mesh = warp_mesh(surface, device)
+    def __init__(self, surface: Surface, textures: Textures) -> None:
+        self.mesh = warp_mesh(surface)
         self.textures = textures
         self._tints = surface.tints
-        self._uvs: wp.array = wp.array(surface.uvs.astype(np.float32), dtype=wp.vec2, device=device)
-        self._materials: wp.array = wp.array(surface.materials, dtype=wp.int32, device=device)
+        self._uvs: wp.array = wp.array(surface.uvs.astype(np.float32), dtype=wp.vec2, device=DEVICE)
+        self._materials: wp.array = wp.array(surface.materials, dtype=wp.int32, device=DEVICE)
 
     def tinted(self, light: np.ndarray) -> wp.array:
         """Light at the corners times their tint, as `colors` takes it; `light` has shape (V, 3)."""
-        return wp.array((light * self._tints).astype(np.float32), dtype=wp.vec3, device=self.mesh.device)
+        return wp.array((light * self._tints).astype(np.float32), dtype=wp.vec3, device=DEVICE)
 
     def colors(self, hits: Hits, tinted_light: wp.array, ray_spread: float) -> np.ndarray:
         """Linear colour of each hit, shape (R, 3); zero where nothing was met."""
@@ -88,13 +88,12 @@ class Rays:
     grid: int
 
 
-def camera_rays(camera: Camera, grid: int, device: str = "cpu") -> Rays:
+def camera_rays(camera: Camera, grid: int) -> Rays:
     """Rays of a pinhole camera.
 
     Args:
         camera: Without distortion.
         grid: Supersampling rays per axis of a pixel.
-        device: Warp device.
     """
     steps = (np.arange(grid) + 0.5) / grid
     inside_x = np.concatenate([[0.5], np.tile(steps, grid)])
@@ -106,8 +105,8 @@ def camera_rays(camera: Camera, grid: int, device: str = "cpu") -> Rays:
     directions = ((x * right + y * down + forward) * slant).astype(np.float32).reshape(-1, 3)
     origins = np.tile(camera.center.astype(np.float32), (len(directions), 1))
     return Rays(
-        wp.array(origins, dtype=wp.vec3, device=device),
-        wp.array(directions, dtype=wp.vec3, device=device),
+        wp.array(origins, dtype=wp.vec3, device=DEVICE),
+        wp.array(directions, dtype=wp.vec3, device=DEVICE),
         slant[0, ..., 0].astype(np.float32),
         1.0 / (camera.fx * grid),
         grid,

@@ -134,7 +134,7 @@ def take(stage: Stage, camera: Camera, supersampling: int, rng: Generator) -> Sh
     positions += POINT_NOISE * rng.standard_normal(positions.shape)
     return Shot(
         image=image,
-        without_object=picture(np.zeros_like(front), porcelain, stage.room_alone),
+        without_object=developed(stage.room.colors(room, stage.room_alone, rays.spread), shape),
         other_object=picture(other_front, gold, stage.room_with_other),
         other_material=picture(front, marble, stage.room_with_object),
         mask=front.reshape(-1, *shape).any(0),
