@@ -70,7 +70,7 @@ def read_llff(root: Path) -> Capture:
     shots = []
     for key, row in zip(complete, rows, strict=True):
         matrix = row[:15].reshape(3, 5)
-        height, width, focal = matrix[:, 4]
+        height, width, focal = matrix[:, 4].tolist()
         if not (np.isfinite(row).all() and min(height, width, focal) > 0):
             raise InputError(f"{path}: the row of {key} is not a camera; run LLFF's imgs2poses again")
         own = lens or Camera(round(width), round(height), focal, focal, width / 2, height / 2, torch.eye(4))

@@ -37,7 +37,7 @@ class MatchingBudget:
         seed: Of the random samples in geometric verification and mapping.
     """
 
-    longest_side: int = 800
+    longest_side: int = 640
     features: int = 4096
     neighbours: int = 12
     exhaustive: int = 60
@@ -111,29 +111,33 @@ def map_images(images: Mapping[str, np.ndarray], progress: bool) -> tuple[dict[s
     _tell(f"recovering the poses of {len(images)} images: this takes minutes", progress)
     with _workspace(images) as (folder, database):
         one_size = len({pixels.shape for pixels in images.values()}) == 1
-        pycolmap.extract_features(
-            database,
-            folder / "images",
-            camera_mode=pycolmap.CameraMode.SINGLE if one_size else pycolmap.CameraMode.PER_IMAGE,
-            extraction_options=_extraction(),
-        )
+        mode = pycolmap.CameraMode.SINGLE if one_size else pycolmap.CameraMode.PER_IMAGE
+        # Imported beforehand, images are numbered by name; numbered as their features get ready, no two runs
+        # agree.
+        pycolmap.import_images(database, folder / "images", camera_mode=mode)
+        pycolmap.extract_features(database, folder / "images", extraction_options=_extraction())
         match = pycolmap.match_exhaustive if len(images) <= BUDGET.exhaustive else pycolmap.match_sequential
         match(database, verification_options=_verification())
         output = folder / "models"
         output.mkdir()
-        models = pycolmap.incremental_mapping(database, folder / "images", output, options=_mapping())
+        options = _mapping()
+        # Distortion found while the first few images are registered runs away (k = 4.8 was seen on 8 views
+        # of a lawn), so it is refined once all are in place.
+        options.ba_refine_extra_params = False
+        models = pycolmap.incremental_mapping(database, folder / "images", output, options=options)
         best = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
         if best is None or best.num_reg_images() < 2:
             raise InputError(
                 f"the poses of {len(images)} images could not be recovered: they share too few features; "
                 "take more overlapping photographs, or give a COLMAP reconstruction"
             )
+        _refine(best)
         cameras = {}
         for image in best.images.values():
             if not image.has_pose:
                 continue
             lens, key = best.cameras[image.camera_id], image.name.removesuffix(_SUFFIX)
-            camera = camera_from_model(lens.model.name, lens.width, lens.height, list(lens.params))
+            camera = camera_from_model(lens.model.name, lens.width, lens.height, lens.params.tolist())
             pose = np.eye(4)
             pose[:3] = image.cam_from_world().matrix()
             height, width = images[key].shape[:2]
@@ -169,7 +173,9 @@ def _workspace(images: Mapping[str, np.ndarray]) -> Iterator[tuple[Path, Path]]:
                 path = folder / "images" / (key + _SUFFIX)
                 path.parent.mkdir(parents=True, exist_ok=True)
                 cv2.imwrite(str(path), shrink(pixels)[..., ::-1])
-            yield folder, folder / "database.db"
+            database = folder / "database.db"
+            pycolmap.Database.open(database).close()
+            yield folder, database
     finally:
         pycolmap.logging.minloglevel = level
 
@@ -194,10 +200,26 @@ def _mapping() -> pycolmap.IncrementalPipelineOptions:
     import pycolmap
 
     options = pycolmap.IncrementalPipelineOptions()
-    options.random_seed = BUDGET.seed
-    # Two images make a model: small captures are refused later, by name, not here.
+    options.random_seed = options.mapper.random_seed = BUDGET.seed
+    # Several threads add observations in any order, and no two runs agree; one is as fast on small images.
+    options.num_threads = options.mapper.num_threads = 1
+    # Small captures make a model too; COLMAP wants 10 images.
     options.min_model_size = 2
     return options
+
+
+def _refine(reconstruction: pycolmap.Reconstruction) -> None:
+    """Adjust poses, points, focal lengths and distortion together."""
+    import pycolmap
+
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.ceres.solver_options.num_threads = 1
+    config = pycolmap.BundleAdjustmentConfig()
+    for number in reconstruction.reg_image_ids():
+        config.add_image(number)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_bundle_adjuster(options, config, reconstruction).solve()
 
 
 def _neighbours(cameras: Mapping[str, Camera]) -> Sequence[tuple[str, str]]:
