@@ -5,6 +5,34 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+
+
+@pytest.fixture(
+    params=[
+        "cpu",
+        pytest.param(
+            "cuda",
+            marks=[
+                pytest.mark.cuda,
+                pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device"),
+            ],
+        ),
+    ]
+)
+def device(request) -> str:
+    """Every device of this machine, as torch names it."""
+    return request.param
+
+
+@pytest.fixture
+def threads():
+    """`set_thread_count`; the number of threads is restored after the test."""
+    from diga3d_warp.kernels.launch import set_thread_count, thread_count
+
+    before = thread_count()
+    yield set_thread_count
+    set_thread_count(before)
 
 
 @dataclass(frozen=True)
@@ -23,8 +51,6 @@ class ToyRun:
 @pytest.fixture
 def toy_run(tmp_path):
     """A ring of eight cameras around a red cluster (removed) in a wide grey-green one; two are held out."""
-    import torch
-
     from diga3d_warp.evaluation.record import CAMERAS, RESULT, SOURCE
     from diga3d_warp.files import to_bytes
     from diga3d_warp.gaussians.parameters import Gaussians

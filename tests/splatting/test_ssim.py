@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from diga3d_warp.kernels.launch import set_thread_count, thread_count
 from diga3d_warp.splatting.ssim import ssim
 
 SIZES = [(48, 64), (29, 37), (7, 131), (3, 5), (1, 1)]
@@ -114,18 +113,15 @@ def test_flat_images_give_finite_results(value):
     assert image.grad.isfinite().all()
 
 
-def test_bits_do_not_depend_on_the_number_of_threads():
+def test_bits_do_not_depend_on_the_number_of_threads(threads):
     image, target = pair(64, 300)
-    before, results = thread_count(), []
-    try:
-        for count in (1, 2, 3):
-            set_thread_count(count)
-            leaf = image.clone().requires_grad_()
-            values = ssim(leaf, target, reduce=False)
-            values.square().sum().backward()
-            results.append((values.detach(), leaf.grad))
-    finally:
-        set_thread_count(before)
+    results = []
+    for count in (1, 2, 3):
+        threads(count)
+        leaf = image.clone().requires_grad_()
+        values = ssim(leaf, target, reduce=False)
+        values.square().sum().backward()
+        results.append((values.detach(), leaf.grad))
     for values, gradient in results[1:]:
         assert torch.equal(values, results[0][0])
         assert torch.equal(gradient, results[0][1])

@@ -410,8 +410,7 @@ def adjoint_kernel(lanes: Lanes, with_depth: bool) -> wp.Kernel:
                 )  # fmt: skip
             if wp.static(shared):
                 if touched != 0:
-                    for k in range(10):
-                        wp.atomic_add(gradients, j, k, row[k])
+                    wp.atomic_add(gradients, j, row)
             else:
                 gradients[j] = row
 
