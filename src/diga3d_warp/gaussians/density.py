@@ -30,7 +30,7 @@ class DensitySettings:
         noise: Size of the random walk, in learning rates of the means. 3DGS-MCMC: 5e5.
         noise_steepness, noise_threshold: Gaussians below an opacity of 1 - threshold walk; the step falls by
             a sigmoid of this steepness. 3DGS-MCMC: 100 and 0.995.
-        noise_opacity_max: Above this opacity the walk is shorter than 1e-4 of its full length: not computed.
+        noise_opacity_max: Above this opacity the walk is shorter than 0.002 of its full length: not computed.
     """
 
     interval: int = 100
@@ -42,7 +42,7 @@ class DensitySettings:
     noise: float = 5e5
     noise_steepness: float = 100.0
     noise_threshold: float = 0.995
-    noise_opacity_max: float = 0.1
+    noise_opacity_max: float = 0.07
 
 
 @cache

@@ -108,12 +108,19 @@ CURVE_INTERVAL = 25
 """Iterations between two points of the curve, each the mean over them."""
 
 
-def photometric_loss(color: torch.Tensor, target: Target, ssim_weight: float) -> torch.Tensor:
-    """(1 - w) L1 + w (1 - SSIM) over the trusted pixels (paper Sec. 3.4, L_rgb), a scalar."""
-    wanted = target.color
-    if target.weight is not None:
-        weight = target.weight[..., None]
-        color = weight * color + (1.0 - weight) * wanted
+def photometric_loss(
+    color: torch.Tensor, wanted: torch.Tensor, weight: torch.Tensor | None, ssim_weight: float
+) -> torch.Tensor:
+    """(1 - w) L1 + w (1 - SSIM) over the trusted pixels (paper Sec. 3.4, L_rgb), a scalar.
+
+    Args:
+        color: Rendered RGB, shape (H, W, 3).
+        wanted: The image to reach, shape (H, W, 3).
+        weight: Trust in each pixel in [0, 1], shape (H, W); None for 1 everywhere.
+        ssim_weight: w in [0, 1]. Paper and 3DGS: 0.2.
+    """
+    if weight is not None:
+        color = torch.lerp(wanted, color, weight[..., None])
     l1 = (color - wanted).abs().mean()
     return (1.0 - ssim_weight) * l1 + ssim_weight * (1.0 - ssim(color, wanted))
 
@@ -203,7 +210,8 @@ class _Fit:
         gaussians = self.optimiser.gaussians()
         with_depth = s.depth_weight > 0.0 and target.depth is not None
         rendering = render(gaussians, target.camera, sh_degree=degree, with_depth=with_depth)
-        loss = photometric_loss(rendering.color, target, s.ssim_weight)
+        wanted = target.color
+        loss = photometric_loss(rendering.color, wanted, target.weight, s.ssim_weight)
         if with_depth:
             loss = loss + s.depth_weight * depth_loss(rendering, target)
         regularised = loss + s.opacity_weight * gaussians.opacities.mean()
@@ -211,7 +219,7 @@ class _Fit:
         regularised.backward()
         self.optimiser.step(done, self._held(len(gaussians)))
         self._control_density(done)
-        self._record(float(loss.detach()), rendering.color.detach(), target)
+        self._record(float(loss.detach()), rendering.color.detach(), wanted, target.weight)
         self.iteration += 1
         self.seconds += time.perf_counter() - start
 
@@ -239,9 +247,12 @@ class _Fit:
         if done < density.end:
             walk(self.optimiser, density, self.generator, held)
 
-    def _record(self, loss: float, color: torch.Tensor, target: Target) -> None:
-        error = ((color - target.color) ** 2).mean(dim=2)
-        mean = float(error.mean()) if target.weight is None else float((error * target.weight).mean())
+    def _record(self, loss: float, color: torch.Tensor, wanted: torch.Tensor, weight) -> None:
+        if weight is None:
+            mean = float(torch.nn.functional.mse_loss(color, wanted))
+        else:
+            squared = ((color - wanted) ** 2).mean(dim=2)
+            mean = float((squared * weight).sum() / weight.sum().clamp_min(1.0))
         self.recent.append((loss, mean))
         if len(self.recent) < CURVE_INTERVAL:
             return

@@ -1,4 +1,4 @@
-"""First gaussians of a fit, from sparse points."""
+"""First gaussians of a fit: from sparse points, or from an image with depth."""
 
 from __future__ import annotations
 
@@ -8,13 +8,21 @@ import torch
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.kernels.harmonics import C0
+from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.scene import Points
+from diga3d_warp.splatting.optics import optics_of
 
 NEIGHBOURS = 3
 """Nearest points whose mean distance becomes a gaussian's size, as in 3DGS."""
 
 OPACITY = 0.1
 """First opacity, as in 3DGS."""
+
+FILL_OPACITY = 0.5
+"""First opacity of a gaussian on a filled surface: it is where it should be, but must still be able to fade."""
+
+FILL_WIDTH = 0.6
+"""Its standard deviation [px]: neighbours at one pixel's distance then leave no gap."""
 
 SMALLEST = 1e-7
 """Floor of the squared distance [scene units^2], as in 3DGS: points may coincide."""
@@ -42,14 +50,48 @@ def initialise(points: Points, coefficients: int = 16) -> Gaussians:
     distances, _ = cKDTree(positions).query(positions, k=np.arange(1, nearest + 1))
     squared = (distances[:, 1:] ** 2).mean(axis=1) if nearest > 1 else np.ones(len(positions))
     log_scales = 0.5 * np.log(np.maximum(squared, SMALLEST))
-    sh = torch.zeros(len(positions), coefficients, 3)
-    sh[:, 0] = (torch.from_numpy(colors.astype(np.float32) / 255.0) - 0.5) / C0
-    quaternions = torch.zeros(len(positions), 4)
+    return _round(positions, log_scales, colors / 255.0, OPACITY, coefficients)
+
+
+def from_image(
+    image: np.ndarray, depth: np.ndarray, where: np.ndarray, camera: Camera, coefficients: int, most: int
+) -> Gaussians:
+    """Gaussians on the surface that an image with depth shows, about as wide as a pixel.
+
+    Args:
+        image: RGB in [0, 1], shape (H, W, 3).
+        depth: z along the camera axis [scene units], shape (H, W).
+        where: Pixels to start from, shape (H, W), bool.
+        camera: At the size of the image.
+        coefficients: Spherical harmonics per gaussian.
+        most: Largest number of gaussians; above it, pixels are skipped evenly and gaussians are wider.
+    """
+    rays = optics_of(camera).rays.reshape(camera.height, camera.width, 2)
+    usable = where & np.isfinite(rays).all(axis=2) & (depth > 0.0)
+    step = max(1, int(np.ceil(np.sqrt(usable.sum() / max(most, 1)))))
+    grid = np.zeros_like(usable)
+    grid[::step, ::step] = usable[::step, ::step]
+    z = depth[grid].astype(np.float64)
+    local = np.concatenate([rays[grid] * z[:, None], z[:, None]], axis=1)
+    pose = camera.pose
+    positions = (local - pose[:3, 3]) @ pose[:3, :3]
+    sizes = FILL_WIDTH * step * z / (0.5 * (camera.fx + camera.fy))
+    return _round(positions, np.log(np.maximum(sizes, 1e-12)), image[grid], FILL_OPACITY, coefficients)
+
+
+def _round(
+    positions: np.ndarray, log_scales: np.ndarray, colors: np.ndarray, opacity: float, coefficients: int
+) -> Gaussians:
+    """Round gaussians of one opacity; colours (N, 3) in [0, 1]."""
+    count = len(positions)
+    sh = torch.zeros(count, coefficients, 3)
+    sh[:, 0] = (torch.from_numpy(np.asarray(colors, np.float32)) - 0.5) / C0
+    quaternions = torch.zeros(count, 4)
     quaternions[:, 0] = 1.0
     return Gaussians(
         means=torch.from_numpy(positions.astype(np.float32)),
         log_scales=torch.from_numpy(log_scales.astype(np.float32))[:, None].repeat(1, 3),
         quaternions=quaternions,
-        opacity_logits=torch.full((len(positions),), float(np.log(OPACITY / (1.0 - OPACITY)))),
+        opacity_logits=torch.full((count,), float(np.log(opacity / (1.0 - opacity)))),
         sh=sh,
     )

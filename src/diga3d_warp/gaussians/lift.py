@@ -1,0 +1,119 @@
+"""Lift 2D masks to gaussians through their blending weights over all views."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.scene.camera import Camera
+from diga3d_warp.splatting.composite import composite
+from diga3d_warp.splatting.project import project
+
+
+@dataclass(frozen=True)
+class LiftSettings:
+    """When a gaussian belongs to the masked object.
+
+    Attributes:
+        share: Part of its blending weight that falls into masks. Half is the vote of the majority of pixels.
+        faint: Weight over all views under which a gaussian was never really seen [pixels at full opacity]:
+            the inside of the object. Once its surface is gone, it would come to light.
+        hull: Part of the views whose mask a faint gaussian's centre must lie in, of those that have it in the
+            image, to belong to the object: it lies in the visual hull.
+    """
+
+    share: float = 0.5
+    faint: float = 1.0
+    hull: float = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Votes:
+    """What all views say of each gaussian.
+
+    Attributes:
+        masked: Blending weight inside masks, summed over views [pixels], shape (N,).
+        total: Blending weight, summed over views [pixels], shape (N,).
+        inside: Views whose mask holds the centre, shape (N,).
+        visible: Views whose image holds the centre, shape (N,).
+    """
+
+    masked: torch.Tensor
+    total: torch.Tensor
+    inside: torch.Tensor
+    visible: torch.Tensor
+
+    @property
+    def share(self) -> torch.Tensor:
+        """Part of each gaussian's weight that falls into masks, in [0, 1]; 0 for one never seen."""
+        return self.masked / self.total.clamp_min(1e-12)
+
+
+def blending_weights(gaussians: Gaussians, camera: Camera, values: torch.Tensor) -> torch.Tensor:
+    """Sum of w_i(pixel) * value(pixel) over an image, for each gaussian i.
+
+    The blended colour is linear in the gaussians' colours with exactly these weights, so their gradient
+    gives the sums in one pass.
+
+    Args:
+        gaussians: N gaussians.
+        camera: At the size of `values`.
+        values: Up to three values per pixel, shape (H, W, 3).
+
+    Returns:
+        Sums, shape (N, 3).
+    """
+    with torch.no_grad():
+        projection = project(
+            gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, camera
+        )
+    colors = torch.zeros_like(gaussians.means, requires_grad=True)
+    blended = composite(projection, colors, camera.width, camera.height, with_depth=False)
+    (sums,) = torch.autograd.grad((blended.color * values).sum(), colors)
+    return sums
+
+
+def vote(gaussians: Gaussians, cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> Votes:
+    """Count the blending weights of gaussians inside and outside masks.
+
+    Args:
+        gaussians: N gaussians.
+        cameras: One per view.
+        masks: One per view, shape (H, W), bool.
+    """
+    masked, total, inside, visible = torch.zeros(4, len(gaussians)).unbind()
+    for camera, mask in zip(cameras, masks, strict=True):
+        values = torch.zeros(camera.height, camera.width, 3)
+        values[..., 0] = torch.from_numpy(mask)
+        values[..., 1] = 1.0
+        sums = blending_weights(gaussians, camera, values)
+        masked = masked + sums[:, 0]
+        total = total + sums[:, 1]
+        in_image, in_mask = _centers_in(gaussians, camera, mask)
+        visible = visible + in_image
+        inside = inside + in_mask
+    return Votes(masked, total, inside, visible)
+
+
+def object_rows(votes: Votes, settings: LiftSettings) -> torch.Tensor:
+    """Which gaussians belong to the masked object, shape (N,), bool."""
+    seen = votes.total > settings.faint
+    in_hull = (votes.visible > 0) & (votes.inside >= settings.hull * votes.visible)
+    return torch.where(seen, votes.share > settings.share, in_hull)
+
+
+def _centers_in(gaussians: Gaussians, camera: Camera, mask: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+    """Whether each gaussian's centre lies in the image, and in the mask, both shape (N,), bool."""
+    with torch.no_grad():
+        projection = project(
+            gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, camera
+        )
+    x, y = projection.centers.floor().long().unbind(dim=1)
+    in_image = projection.extents[:, 0] > 0.0
+    in_image &= (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
+    rows = torch.where(in_image, y * camera.width + x, 0)
+    return in_image, in_image & torch.from_numpy(mask).reshape(-1)[rows]

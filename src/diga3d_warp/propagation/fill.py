@@ -1,0 +1,117 @@
+"""Fill the references one after another, then carry their fill to every other view (paper Sec. 3.2, 3.3).
+
+A reference sees what earlier references invented: their fill is warped in first, and only what is still
+missing is invented anew. So all fills tell one story. Each other view then takes its fill from the reference
+of its cluster; what that one does not show it takes from the other references.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from diga3d_warp.priors.protocol import Prior
+from diga3d_warp.propagation.depth import complete_depth
+from diga3d_warp.propagation.references import References
+from diga3d_warp.propagation.unseen import Background
+from diga3d_warp.scene.camera import Camera
+from diga3d_warp.splatting.reproject import reproject
+
+
+@dataclass(frozen=True, eq=False)
+class Fill:
+    """A view without the object.
+
+    Attributes:
+        image: RGB, shape (H, W, 3), float32 in [0, 1]: the photograph, what other views observed, and the fill.
+        depth: z of the fill [scene units], shape (H, W), float32; 0 outside `filled`.
+        filled: Where nobody saw and the fill stands, shape (H, W), bool.
+        invented: The part of `filled` that the prior made in this very view, shape (H, W), bool.
+        missing: Where nobody saw and no fill reached, shape (H, W), bool; `image` shows nothing of use there.
+    """
+
+    image: np.ndarray
+    depth: np.ndarray
+    filled: np.ndarray
+    invented: np.ndarray
+    missing: np.ndarray
+
+
+def fill_references(
+    cameras: Sequence[Camera],
+    backgrounds: Sequence[Background],
+    depths: Sequence[np.ndarray],
+    references: References,
+    prior: Prior,
+    seed: int,
+) -> list[Fill]:
+    """Fill each reference, in their order.
+
+    Args:
+        cameras: One per view.
+        backgrounds: What is known behind the object, one per view.
+        depths: z of the splat without the object, one per view, shape (H, W); 0 where it shows nothing.
+        references: Which views are references.
+        prior: Invents what nobody saw.
+        seed: Of the prior.
+    """
+    fills: list[Fill] = []
+    for rank, index in enumerate(references.indices):
+        earlier = [(fills[k], cameras[references.indices[k]]) for k in range(rank)]
+        known = _take(backgrounds[index], cameras[index], earlier)
+        invented = known.missing
+        depth = complete_depth(np.where(known.filled, known.depth, depths[index]), invented)
+        image = known.image
+        if invented.any():
+            filled = prior.fill(torch.from_numpy(image), torch.from_numpy(invented), seed=seed)
+            image = filled.numpy()
+        unseen = known.filled | invented
+        fills.append(
+            Fill(image, np.where(unseen, depth, 0.0).astype(np.float32), unseen, invented, np.zeros_like(unseen))
+        )
+    return fills
+
+
+def carry(
+    cameras: Sequence[Camera],
+    backgrounds: Sequence[Background],
+    references: References,
+    fills: Sequence[Fill],
+) -> list[Fill]:
+    """The fill of every view: that of its cluster's reference, then those of the others.
+
+    Args:
+        cameras: One per view.
+        backgrounds: One per view.
+        references: References and clusters.
+        fills: Of the references, in their order.
+    """
+    carried = []
+    for i, (camera, background) in enumerate(zip(cameras, backgrounds, strict=True)):
+        if i in references.indices:
+            carried.append(fills[references.indices.index(i)])
+            continue
+        own = int(references.cluster[i])
+        order = [own] + [k for k in range(len(fills)) if k != own]
+        sources = [(fills[k], cameras[references.indices[k]]) for k in order]
+        carried.append(_take(background, camera, sources))
+    return carried
+
+
+def _take(background: Background, camera: Camera, sources: Sequence[tuple[Fill, Camera]]) -> Fill:
+    """What the sources' fills show in the unseen part of a view, the first source first."""
+    image = background.image.astype(np.float32).copy()
+    depth = np.zeros(image.shape[:2], np.float32)
+    missing = background.unseen.copy()
+    for source, source_camera in sources:
+        if not missing.any():
+            break
+        warp = reproject(torch.from_numpy(source.image), torch.from_numpy(source.depth), source_camera, camera)
+        taken = missing & warp.visible.numpy()
+        image[taken] = warp.image.numpy()[taken]
+        depth[taken] = warp.depth.numpy()[taken]
+        missing &= ~taken
+    return Fill(image, depth, background.unseen & ~missing, np.zeros_like(missing), missing)
