@@ -29,6 +29,8 @@ MODELS = {
     "RADIAL_FISHEYE": (9, 5),
 }
 _MODEL_OF_NUMBER = {number: name for name, (number, _) in MODELS.items()}
+# Models that are refused, so that the refusal names them.
+_REFUSED = {6: "FULL_OPENCV", 7: "FOV", 10: "THIN_PRISM_FISHEYE"}
 _TWO_FOCALS = frozenset({"PINHOLE", "OPENCV", "OPENCV_FISHEYE"})
 
 
@@ -158,7 +160,7 @@ def _binary_cameras(path: Path) -> Iterator[tuple[int, str, int, int, list[float
         number, model, width, height = cursor.take("IiQQ")
         if model not in _MODEL_OF_NUMBER:
             # The count of its parameters is unknown, so nothing after it can be read.
-            yield number, f"number {model}", width, height, []
+            yield number, _REFUSED.get(model, f"number {model}"), width, height, []
             return
         name = _MODEL_OF_NUMBER[model]
         yield number, name, width, height, list(cursor.take(f"{MODELS[name][1]}d"))
