@@ -25,7 +25,7 @@ class ClassicalSettings:
         rows_min: Least height and width of the cut-out that shift maps are tried on [px]: fewer hold too few
             8 px patches for offset statistics.
         known_min: Least share of known pixels in the cut-out; below, there is nothing to copy.
-        largest: Longer and shorter side of the cut-out at which shift maps still work at full size [px]. Beyond
+        largest: Longer and shorter side of a cut-out that is filled at full size [px]. Beyond
             both, OpenCV shrinks the image and refines by a second graph cut, whose table of neighbours is
             filled by wrong indices (xphoto/src/inpainting.cpp, `__backref(i, j)`); we shrink and enlarge.
         patch: Side of the patches that candidates are compared by, at half size [px].
