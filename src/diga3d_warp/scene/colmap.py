@@ -107,9 +107,10 @@ def write_colmap(folder: Path, cameras: Mapping[str, Camera], points: Points, su
         reconstruction.add_point3D(np.asarray(position, np.float64), pycolmap.Track(), color)
     finished = Path(folder) / "sparse" / "0"
     partial = finished.with_name("0.partial")
-    for leftover in (partial, finished):
-        if leftover.exists():
-            shutil.rmtree(leftover)
+    if partial.exists():
+        shutil.rmtree(partial)
     partial.mkdir(parents=True)
     reconstruction.write_binary(partial)
+    if finished.exists():
+        shutil.rmtree(finished)
     partial.rename(finished)
