@@ -1,0 +1,114 @@
+"""Tile lists against a search over every tile, gaussian and pixel."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import warp as wp
+
+from diga3d_warp.config import TILE
+from diga3d_warp.kernels.binning import Bins, bin_gaussians
+
+COUNT = 120
+
+
+def boxes(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centers, depths and extents; many on pixel edges and centres, some of equal depth, some culled."""
+    random = np.random.default_rng(seed)
+    centers = random.uniform(-20, 70, (COUNT, 2)).astype(np.float32)
+    extents = random.exponential(8, (COUNT, 2)).astype(np.float32)
+    centers[::3] = np.round(centers[::3] * 2) / 2
+    extents[::3] = np.round(extents[::3] * 2) / 2
+    extents[5] = 1e30
+    extents[7] = (40.0, 0.25)
+    extents[::10] = 0.0
+    depths = random.integers(1, 30, COUNT).astype(np.float32)
+    return centers, depths, extents
+
+
+def binned(centers, depths, extents, width: int, height: int, device: str = "cpu") -> Bins:
+    return bin_gaussians(
+        wp.array(centers, dtype=wp.vec2, device=device),
+        wp.array(depths, dtype=float, device=device),
+        wp.array(extents, dtype=wp.vec2, device=device),
+        width,
+        height,
+    )
+
+
+def holds_a_pixel(centers, extents) -> np.ndarray:
+    """Whether a box holds the centre of any pixel, in the image or out of it, shape (N,)."""
+    half = np.float32(0.5)
+    return (np.ceil(centers - extents - half) <= np.floor(centers + extents - half)).all(1)
+
+
+def searched(centers, depths, extents, width: int, height: int) -> list[list[int]]:
+    """Gaussians of each tile by depth, then index, whose box holds the centre of one of its pixels."""
+    half = np.float32(0.5)
+    low, high = centers - extents - half, centers + extents - half
+    lists = []
+    for row in range(-(-height // TILE)):
+        for column in range(-(-width // TILE)):
+            x = np.arange(column * TILE, (column + 1) * TILE)
+            y = np.arange(row * TILE, (row + 1) * TILE)
+            in_x = ((x >= low[:, :1]) & (x <= high[:, :1])).any(1)
+            in_y = ((y >= low[:, 1:]) & (y <= high[:, 1:])).any(1)
+            listed = np.flatnonzero(in_x & in_y & (extents[:, 0] > 0))
+            lists.append(sorted(listed, key=lambda i: (depths[i], i)))
+    return lists
+
+
+@pytest.mark.parametrize("width,height", [(64, 48), (37, 29), (1, 1)])
+def test_every_tile_lists_its_gaussians_by_depth_then_index(width, height, device):
+    scene = boxes()
+    bins = binned(*scene, width, height, device)
+    starts, gaussians = bins.starts.numpy(), bins.gaussians.numpy()
+    holds = holds_a_pixel(scene[0], scene[2])  # a box between pixels may be listed: it blends nothing
+    lists = [gaussians[a:b] for a, b in pairwise(starts)]
+    found = [part[holds[part]].tolist() for part in lists]
+    assert 3 <= (~holds).sum() < COUNT // 4
+    assert found == searched(*scene, width, height)
+    assert bins.pair_count == starts[-1] > 0
+
+
+def test_slots_lead_from_each_gaussian_to_its_pairs():
+    bins = binned(*boxes(), 64, 48)
+    order, first, slots = bins.order.numpy(), bins.first.numpy(), bins.slots.numpy()
+    gaussians = bins.gaussians.numpy()
+    assert sorted(slots) == list(range(bins.pair_count))
+    for k, gaussian in enumerate(order):
+        assert (gaussians[slots[first[k] : first[k + 1]]] == gaussian).all()
+    assert first[-1] == bins.pair_count
+
+
+def test_lists_do_not_depend_on_the_number_of_threads(threads):
+    random = np.random.default_rng(1)
+    count = 3000
+    scene = (
+        random.uniform(0, 600, (count, 2)).astype(np.float32),
+        random.integers(1, 50, count).astype(np.float32),
+        random.exponential(10, (count, 2)).astype(np.float32),
+    )
+    results = []
+    for number in (1, 2, 3):
+        threads(number)
+        bins = binned(*scene, 600, 600)
+        results.append([a.numpy() for a in (bins.gaussians, bins.starts, bins.order, bins.first, bins.slots)])
+    for other in results[1:]:
+        assert all(np.array_equal(a, b) for a, b in zip(results[0], other, strict=True))
+
+
+@pytest.mark.parametrize("count", [0, 1, COUNT])
+def test_an_empty_view_has_empty_lists(count):
+    centers, depths, extents = (part[:count] for part in boxes())
+    bins = binned(centers - 1e4, depths, extents * (extents < 1e3), 64, 48)
+    assert bins.pair_count == 0
+    assert not bins.starts.numpy().any()
+    assert len(bins.starts.numpy()) == 4 * 3 + 1
+
+
+def test_more_pairs_than_32_bits_number_are_an_error():
+    count = 200
+    scene = (np.zeros((count, 2)), np.ones(count), np.full((count, 2), 1e9))
+    with pytest.raises(ValueError, match=r"more than 2\^31 - 1"):
+        binned(*scene, 65536, 65536)

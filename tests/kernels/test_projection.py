@@ -1,0 +1,150 @@
+"""EWA projection against the plain float64 renderer."""
+
+import math
+
+import pytest
+import torch
+
+import oracle
+from diga3d_warp.config import POSE_GROUP
+from diga3d_warp.scene.camera import Camera
+from diga3d_warp.splatting.optics import optics_of
+from diga3d_warp.splatting.project import Projection, project
+from scenes import LENSES, camera_at, random_gaussians
+
+COUNT = 300
+
+
+def wide_scene(count: int = COUNT):
+    """Gaussians all around the camera: some behind it, many outside its image."""
+    gaussians = random_gaussians(count, seed=1, degree=0)
+    gaussians.means *= 3.0
+    return gaussians
+
+
+def projected(gaussians, camera: Camera, device: str = "cpu") -> tuple[Projection, dict[str, torch.Tensor]]:
+    pose = camera.world_to_camera.detach().clone().requires_grad_()
+    leaves = {name: tensor.detach().to(device).requires_grad_() for name, tensor in gaussians.named()}
+    leaves.pop("sh")
+    projection = project(*leaves.values(), camera.with_pose(pose))
+    return projection, {**leaves, "pose": pose}
+
+
+def expected(gaussians, camera: Camera) -> tuple[oracle.Splats, dict[str, torch.Tensor]]:
+    leaves = {name: tensor.detach().double().requires_grad_() for name, tensor in gaussians.named()}
+    leaves.pop("sh")
+    pose = camera.world_to_camera.detach().clone().requires_grad_()
+    return oracle.project(*leaves.values(), pose, camera), {**leaves, "pose": pose}
+
+
+def inside_lens(gaussians, camera: Camera) -> torch.Tensor:
+    """Gaussians whose ray the lens maps one to one, shape (N,)."""
+    p = gaussians.means.double() @ camera.world_to_camera[:3, :3].T + camera.world_to_camera[:3, 3]
+    return (p[:, :2] / p[:, 2:]).norm(dim=1) < optics_of(camera).radius_max
+
+
+def mixed_sum(splats, weights: list[torch.Tensor]) -> torch.Tensor:
+    parts = (splats.centers, splats.depths, splats.conics, splats.opacities)
+    return sum((part * weight.to(part)).sum() for part, weight in zip(parts, weights, strict=True))
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_values_agree_with_float64(lens, device):
+    gaussians, camera = wide_scene(), camera_at(lens)
+    found, _ = projected(gaussians, camera, device)
+    splats, _ = expected(gaussians, camera)
+    drawn = found.extents[:, 0].cpu() > 0
+    assert torch.equal(drawn, splats.drawn & inside_lens(gaussians, camera))
+    assert COUNT // 3 < drawn.sum() < COUNT  # some are behind the camera
+
+    def agree(values, reference, rtol):
+        torch.testing.assert_close(values.cpu().double()[drawn], reference[drawn], rtol=rtol, atol=1e-4)
+
+    agree(found.centers, splats.centers, 1e-4)  # far-off rays go through a fifth power of themselves
+    agree(found.depths, splats.depths, 1e-5)
+    agree(found.conics, splats.conics, 1e-4)
+    agree(found.opacities, splats.opacities, 1e-5)
+    reach = (2 * torch.log(255 * splats.opacities)).clamp_min(0).sqrt()
+    agree(found.extents, reach[:, None] * splats.covariances.diagonal(dim1=1, dim2=2).sqrt(), 1e-3)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_gradients_agree_with_float64(lens, device):
+    gaussians, camera = wide_scene(), camera_at(lens)
+    found, leaves = projected(gaussians, camera, device)
+    splats, references = expected(gaussians, camera)
+    # Next to the camera plane numbers grow without bound; they would hide all others.
+    tame = splats.drawn & inside_lens(gaussians, camera) & (splats.depths > 0.5)
+    assert tame.sum() > COUNT // 3
+    random = torch.Generator().manual_seed(2)
+    shapes = [(COUNT, 2), (COUNT,), (COUNT, 3), (COUNT,)]
+    weights = [
+        torch.rand(shape, generator=random) * tame.view(-1, *[1] * (len(shape) - 1)) for shape in shapes
+    ]
+    mixed_sum(found, weights).backward()
+    mixed_sum(splats, weights).backward()
+    for name, leaf in leaves.items():
+        reference = references[name].grad
+        assert reference.abs().max() > 0.1
+        error = (leaf.grad.cpu().double() - reference).norm() / reference.norm()
+        assert error < 1e-4, f"{name}: {error}"
+
+
+def test_the_jacobian_is_followed_no_further_than_the_margin():
+    gaussians, camera = wide_scene(), camera_at()
+    splats, _ = expected(gaussians, camera)
+    low, high = oracle.field_of_view(camera)
+    p = gaussians.means.double() @ camera.world_to_camera[:3, :3].T + camera.world_to_camera[:3, 3]
+    ray = p[:, :2] / p[:, 2:]
+    outside = splats.drawn & ((ray < low) | (ray > high)).any(1)
+    assert outside.sum() > 20  # the comparisons above went through the clamp
+    found, _ = projected(gaussians, camera)
+    # The same focal lengths in a larger image: its margin lies far out.
+    free = Camera(6400, 4800, camera.fx, camera.fy, 3200.0, 2400.0, camera.world_to_camera)
+    unclamped, _ = projected(gaussians, free)
+    assert (unclamped.extents[outside].norm(dim=1) > 1.2 * found.extents[outside].norm(dim=1)).any()
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_culled_rows_are_exact_zeros_with_zero_gradient(lens):
+    gaussians, camera = wide_scene(), camera_at(lens)
+    found, leaves = projected(gaussians, camera)
+    culled = found.extents[:, 0] == 0
+    assert culled.sum() > 10
+    for part in found:
+        assert torch.equal(part[culled], torch.zeros_like(part[culled]))
+    shapes = [found.centers.shape, found.depths.shape, found.conics.shape, found.opacities.shape]
+    mixed_sum(found, [torch.ones(shape) for shape in shapes]).backward()
+    for name, leaf in leaves.items():
+        if name != "pose":
+            assert torch.equal(leaf.grad[culled], torch.zeros_like(leaf.grad[culled]))
+            assert (leaf.grad[~culled] != 0).any()
+
+
+def test_bits_do_not_depend_on_the_number_of_threads(threads):
+    gaussians, camera = wide_scene(3 * POSE_GROUP + 17), camera_at()
+    results = []
+    for count in (1, 2, 3):
+        threads(count)
+        found, leaves = projected(gaussians, camera)
+        (found.centers.sum() + found.conics.sum() + found.depths.sum()).backward()
+        results.append([*found, *(leaf.grad for leaf in leaves.values() if leaf.grad is not None)])
+    for other in results[1:]:
+        assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
+
+
+def test_a_gaussian_on_the_axis_of_a_fisheye_has_the_pinhole_s_shape():
+    """At the axis the lens has slope one; its formula divides by a radius of zero there."""
+    gaussians = random_gaussians(1, degree=0)
+    gaussians.means[:] = 0.0
+    pinhole, fisheye = (
+        Camera(64, 48, 50.0, 50.0, 32.0, 24.0, camera_at().world_to_camera, LENSES[lens])
+        for lens in ("none", "fisheye")
+    )
+    plain, _ = projected(gaussians, pinhole)
+    bent, leaves = projected(gaussians, fisheye)
+    assert plain.extents[0, 0] > 1.0
+    torch.testing.assert_close(bent.conics, plain.conics, rtol=1e-3, atol=1e-6)
+    bent.centers.sum().backward()
+    assert leaves["means"].grad.isfinite().all()
+    assert math.isclose(bent.centers[0, 0].item(), 32.0, abs_tol=1e-3)

@@ -1,0 +1,106 @@
+"""Renderings against the plain float64 renderer, with the gradient of everything that has one."""
+
+import pytest
+import torch
+
+import oracle
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.splatting.render import Rendering, render
+from scenes import LENSES, camera_at, random_gaussians, single
+
+SIZES = [(64, 48), (37, 29)]
+BACKGROUND = (0.2, 0.5, 0.9)
+
+
+def rendered(
+    lens: str, width: int, height: int, device: str = "cpu", count: int = 200
+) -> tuple[Rendering, dict[str, torch.Tensor]]:
+    """A rendering, and the leaves that its gradients reach."""
+    gaussians = random_gaussians(count).to(device).requires_grad_()
+    camera = camera_at(lens, width, height)
+    pose = camera.world_to_camera.clone().requires_grad_()
+    background = torch.tensor(BACKGROUND, device=device, requires_grad=True)
+    out = render(gaussians, camera.with_pose(pose), background=background)
+    return out, {**dict(gaussians.named()), "pose": pose, "background": background}
+
+
+@pytest.mark.parametrize("width,height", SIZES)
+@pytest.mark.parametrize("lens", LENSES)
+def test_image_and_gradients_agree_with_float64(lens, width, height, device):
+    found, leaves = rendered(lens, width, height, device)
+    references = {name: leaf.detach().cpu().double().requires_grad_() for name, leaf in leaves.items()}
+    *parameters, pose, background = references.values()
+    color, alpha, depth, certain = oracle.render(
+        parameters, pose, background, camera_at(lens, width, height), degree=3
+    )
+    assert certain.float().mean() > 0.9
+    assert alpha.min() < 0.1 and alpha.max() > 0.999 and color.std() > 0.1
+    for value, reference in zip(found[:3], (color, alpha, depth), strict=True):
+        assert (value.cpu().double() - reference)[certain].abs().max() < 1e-4
+
+    oracle.weighted_sum(found[:3], certain).backward()
+    oracle.weighted_sum((color, alpha, depth), certain).backward()
+    for name, leaf in leaves.items():
+        reference = references[name].grad
+        assert reference.abs().max() > 0.1
+        error = (leaf.grad.cpu().double() - reference).norm() / reference.norm()
+        assert error < 1e-4, f"{name}: {error}"
+
+
+def test_bits_do_not_depend_on_the_number_of_threads(threads):
+    results = []
+    for count in (1, 2, 3):
+        threads(count)
+        out, leaves = rendered("none", 130, 100, count=3000)
+        oracle.weighted_sum(out[:3], torch.ones(100, 130, dtype=torch.bool)).backward()
+        results.append([*out[:3], *(leaf.grad for leaf in leaves.values())])
+    assert results[0][1].max() > 0.99
+    for other in results[1:]:
+        assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
+
+
+def test_the_order_of_gaussians_does_not_matter():
+    gaussians = random_gaussians()
+    shuffled = gaussians.select(torch.randperm(200, generator=torch.Generator().manual_seed(9)))
+    first, second = (render(g, camera_at()) for g in (gaussians, shuffled))
+    assert torch.equal(first.color, second.color)
+    assert first.alpha.max() > 0.9
+
+
+def test_one_gaussian_is_where_and_what_it_should_be():
+    camera = camera_at(distance=2.0)
+    out = render(single(), camera, background=BACKGROUND)
+    row, column = int(camera.cy), int(camera.cx)
+    opacity = torch.sigmoid(torch.tensor(2.0))
+    assert out.alpha.argmax() == row * camera.width + column
+    assert out.alpha[row, column].item() == pytest.approx(opacity.item(), abs=0.01)
+    assert out.depth[row, column].item() == pytest.approx(2.0, abs=0.02)
+    expected = out.alpha[row, column] * torch.tensor([0.9, 0.5, 0.2])
+    expected = expected + (1 - out.alpha[row, column]) * torch.tensor(BACKGROUND)
+    torch.testing.assert_close(out.color[row, column], expected, atol=1e-3, rtol=0)
+    torch.testing.assert_close(out.color[0, 0], torch.tensor(BACKGROUND))
+    assert out.alpha[0, 0] == 0 and out.depth[0, 0] == 0
+
+
+def test_depth_is_of_what_is_drawn_not_of_the_background():
+    """Expected z is divided by alpha: a thin veil has the depth of a solid one."""
+    thin = render(single(opacity_logits=-2.0), camera_at())
+    solid = render(single(opacity_logits=4.0), camera_at())
+    both = (thin.alpha > 0.02) & (solid.alpha > 0.02)
+    assert both.sum() > 20
+    torch.testing.assert_close(thin.depth[both], solid.depth[both], rtol=1e-4, atol=0)
+
+
+def test_without_depth_the_colors_are_the_same():
+    gaussians = random_gaussians()
+    full, bare = render(gaussians, camera_at()), render(gaussians, camera_at(), with_depth=False)
+    assert torch.equal(full.color, bare.color)
+    assert not bare.depth.any() and full.depth.any()
+
+
+def test_a_lower_degree_ignores_the_higher_terms():
+    gaussians = random_gaussians()
+    flat = Gaussians(**{**dict(gaussians.named()), "sh": gaussians.sh[:, :1]})
+    low = render(gaussians, camera_at(), sh_degree=0)
+    torch.testing.assert_close(low.color, render(flat, camera_at()).color)
+    assert (low.color - render(gaussians, camera_at()).color).abs().max() > 0.05
