@@ -192,7 +192,6 @@ def _add_run_options(command: argparse.ArgumentParser) -> None:
         metavar="N",
         help="keep every Nth view for testing, 0 for none (default 8)",
     )
-    command.add_argument("--device", choices=["auto", "cpu"], default="auto", help="(default auto)")
     command.add_argument("--seed", type=int, default=0, metavar="N", help="(default 0)")
     command.add_argument("--resume", action="store_true", help="go on with an interrupted run")
 

@@ -19,7 +19,7 @@ OPACITY = 0.1
 """First opacity, as in 3DGS."""
 
 FILL_OPACITY = 0.5
-"""First opacity of a gaussian on a filled surface: it is where it should be, but must still be able to fade."""
+"""First opacity of a gaussian on a filled surface: it lies where it should, but must be able to fade."""
 
 FILL_WIDTH = 0.6
 """Its standard deviation [px]: neighbours at one pixel's distance then leave no gap."""

@@ -11,7 +11,7 @@ import torch
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.composite import composite
-from diga3d_warp.splatting.project import project
+from diga3d_warp.splatting.project import Projection, project
 
 
 @dataclass(frozen=True)
@@ -24,11 +24,16 @@ class LiftSettings:
             the inside of the object. Once its surface is gone, it would come to light.
         hull: Part of the views whose mask a faint gaussian's centre must lie in, of those that have it in the
             image, to belong to the object: it lies in the visual hull.
+        free_share: Part of its weight in widened masks from which a remaining gaussian takes part in the
+            refit. Below, it shows elsewhere, and must not move.
+        opacity: Part of a pixel that the object must cover to be in its mask.
     """
 
     share: float = 0.5
     faint: float = 1.0
     hull: float = 0.9
+    free_share: float = 0.05
+    opacity: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,26 +58,22 @@ class Votes:
         return self.masked / self.total.clamp_min(1e-12)
 
 
-def blending_weights(gaussians: Gaussians, camera: Camera, values: torch.Tensor) -> torch.Tensor:
+def blending_weights(projection: Projection, values: torch.Tensor) -> torch.Tensor:
     """Sum of w_i(pixel) * value(pixel) over an image, for each gaussian i.
 
     The blended colour is linear in the gaussians' colours with exactly these weights, so their gradient
     gives the sums in one pass.
 
     Args:
-        gaussians: N gaussians.
-        camera: At the size of `values`.
+        projection: N gaussians in the image plane.
         values: Up to three values per pixel, shape (H, W, 3).
 
     Returns:
         Sums, shape (N, 3).
     """
-    with torch.no_grad():
-        projection = project(
-            gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, camera
-        )
-    colors = torch.zeros_like(gaussians.means, requires_grad=True)
-    blended = composite(projection, colors, camera.width, camera.height, with_depth=False)
+    height, width, _ = values.shape
+    colors = torch.zeros(len(projection.centers), 3, requires_grad=True)
+    blended = composite(projection, colors, width, height, with_depth=False)
     (sums,) = torch.autograd.grad((blended.color * values).sum(), colors)
     return sums
 
@@ -90,10 +91,11 @@ def vote(gaussians: Gaussians, cameras: Sequence[Camera], masks: Sequence[np.nda
         values = torch.zeros(camera.height, camera.width, 3)
         values[..., 0] = torch.from_numpy(mask)
         values[..., 1] = 1.0
-        sums = blending_weights(gaussians, camera, values)
+        projection = _projected(gaussians, camera)
+        sums = blending_weights(projection, values)
         masked = masked + sums[:, 0]
         total = total + sums[:, 1]
-        in_image, in_mask = _centers_in(gaussians, camera, mask)
+        in_image, in_mask = _centers_in(projection, mask)
         visible = visible + in_image
         inside = inside + in_mask
     return Votes(masked, total, inside, visible)
@@ -106,14 +108,25 @@ def object_rows(votes: Votes, settings: LiftSettings) -> torch.Tensor:
     return torch.where(seen, votes.share > settings.share, in_hull)
 
 
-def _centers_in(gaussians: Gaussians, camera: Camera, mask: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
-    """Whether each gaussian's centre lies in the image, and in the mask, both shape (N,), bool."""
+def object_mask(gaussians: Gaussians, camera: Camera, rows: torch.Tensor) -> np.ndarray:
+    """Where the gaussians in `rows` (N,) show in a camera, in front of the others, shape (H, W), bool."""
+    colors = rows.to(torch.float32)[:, None].repeat(1, 3)
+    blended = composite(_projected(gaussians, camera), colors, camera.width, camera.height, with_depth=False)
+    return (blended.color[..., 0] > LiftSettings.opacity).numpy()
+
+
+def _projected(gaussians: Gaussians, camera: Camera) -> Projection:
     with torch.no_grad():
-        projection = project(
+        return project(
             gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, camera
         )
+
+
+def _centers_in(projection: Projection, mask: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+    """Whether each gaussian's centre lies in the image, and in the mask, both shape (N,), bool."""
+    height, width = mask.shape
     x, y = projection.centers.floor().long().unbind(dim=1)
     in_image = projection.extents[:, 0] > 0.0
-    in_image &= (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
-    rows = torch.where(in_image, y * camera.width + x, 0)
+    in_image &= (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    rows = torch.where(in_image, y * width + x, 0)
     return in_image, in_image & torch.from_numpy(mask).reshape(-1)[rows]

@@ -70,7 +70,13 @@ def fill_references(
             image = filled.numpy()
         unseen = known.filled | invented
         fills.append(
-            Fill(image, np.where(unseen, depth, 0.0).astype(np.float32), unseen, invented, np.zeros_like(unseen))
+            Fill(
+                image,
+                np.where(unseen, depth, 0.0).astype(np.float32),
+                unseen,
+                invented,
+                np.zeros_like(unseen),
+            )
         )
     return fills
 
@@ -109,7 +115,9 @@ def _take(background: Background, camera: Camera, sources: Sequence[tuple[Fill, 
     for source, source_camera in sources:
         if not missing.any():
             break
-        warp = reproject(torch.from_numpy(source.image), torch.from_numpy(source.depth), source_camera, camera)
+        warp = reproject(
+            torch.from_numpy(source.image), torch.from_numpy(source.depth), source_camera, camera
+        )
         taken = missing & warp.visible.numpy()
         image[taken] = warp.image.numpy()[taken]
         depth[taken] = warp.depth.numpy()[taken]

@@ -1,0 +1,56 @@
+"""Fit a splat to a capture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from diga3d_warp.evaluation.protocols import evaluate
+from diga3d_warp.evaluation.report import write_report
+from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.scene.load import load_scene
+from diga3d_warp.scene.scene import Scene
+
+
+def fit_settings(iterations: int | None) -> FitSettings:
+    """The settings of a fit, with another number of iterations if one is given."""
+    settings = FitSettings()
+    return settings if iterations is None else replace(settings, iterations=iterations)
+
+
+def fit_command(
+    scene: Path, out: Path, masks: Path | None, image_scale: float, iterations: int | None, hold_out: int,
+    seed: int, resume: bool,
+) -> Run:  # fmt: skip
+    """`diga3d fit`: read the capture, fit it, measure it, and leave a run folder.
+
+    Raises:
+        InputError: the input or the run folder is not usable.
+    """
+    capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
+    settings = fit_settings(iterations)
+    run = Run(
+        out,
+        "fit",
+        {
+            "scene": scene, "masks": masks, "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
+            "iterations": settings.iterations,
+        },
+        resume=resume,
+    )  # fmt: skip
+    stages.begin(run, capture)
+    fitted = stages.fit_source(run, capture, settings, seed)
+    stages.show_views(run, capture, fitted, None)
+    stages.finish(run, "fit")
+    conclude(run, capture)
+    return run
+
+
+def conclude(run: Run, scene: Scene) -> None:
+    """Measure the run on held-out views, where it has any, and write its report."""
+    if scene.test_views:
+        for table in evaluate(run.folder, "spin-nerf" if scene.ground_truth else "held-out", scene=scene):
+            print(table.text())
+    write_report(run.folder)

@@ -1,0 +1,135 @@
+"""Remove an object from a scene (paper Sec. 3, with the fill of one prior for all references).
+
+fit          the splat of the capture
+clear        masks lifted to gaussians, the object's gaussians deleted, masks widened
+look-behind  each mask shrunk to what no view saw behind the object
+references   K views by k-means on camera centres
+fill         references filled in turn, their fill warped to the other views
+refit        the hole fitted to the filled views, with colour and depth
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from diga3d_warp.gaussians.density import DensitySettings
+from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.gaussians.lift import LiftSettings
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines.fit import conclude, fit_settings
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.priors.classical import ClassicalPrior
+from diga3d_warp.priors.protocol import Prior
+from diga3d_warp.scene.load import load_scene
+from diga3d_warp.scene.scene import Scene
+
+REFIT = FitSettings(
+    iterations=800,
+    budget=0,  # the hole gets its gaussians from the references' fill, not by growth
+    depth_weight=0.1,
+    coarse_part=0.0,
+    sh_steps=(0.0, 0.0, 0.0),
+    density=DensitySettings(begin=0.1, end=0.6),
+)
+"""The fit of the hole. 1000 to 1500 iterations are the field's custom for edits; the hole starts from
+gaussians on the filled surface, so fewer do."""
+
+
+@dataclass(frozen=True)
+class RemoveSettings:
+    """How an object is removed.
+
+    Attributes:
+        fit: Fit of the capture.
+        refit: Fit of the hole.
+        lift: When a gaussian belongs to the object.
+        masking: How masks are widened.
+        references: Number K of references. Paper: 3.
+        selection: "kmeans", or "random" to compare.
+    """
+
+    fit: FitSettings = field(default_factory=FitSettings)
+    refit: FitSettings = REFIT
+    lift: LiftSettings = field(default_factory=LiftSettings)
+    masking: stages.MaskSettings = field(default_factory=stages.MaskSettings)
+    references: int = 3
+    selection: str = "kmeans"
+
+
+@dataclass(frozen=True, eq=False)
+class RemoveResult:
+    """What a removal leaves.
+
+    Attributes:
+        gaussians: The scene without the object.
+        source: The scene before the edit.
+        run: The run folder, with views, masks, metrics and stages.
+    """
+
+    gaussians: Gaussians
+    source: Gaussians
+    run: Run
+
+
+def remove(
+    scene: Scene,
+    run: Run,
+    settings: RemoveSettings | None = None,
+    *,
+    prior: Prior | None = None,
+    seed: int = 0,
+) -> RemoveResult:
+    """Remove the masked object.
+
+    Args:
+        scene: With masks in at least one training view.
+        run: Where stages and results go; finished stages of an interrupted run are taken up.
+        settings: How.
+        prior: What invents the part that no view saw; the classical one if None.
+        seed: Same scene, settings and seed: same bytes.
+
+    Raises:
+        InputError: no view has a mask, the masks lift to nothing, or there are fewer views than references.
+    """
+    settings = settings or RemoveSettings()
+    prior = prior or ClassicalPrior()
+    stages.begin(run, scene)
+    source = stages.fit_source(run, scene, settings.fit, seed)
+    cleared = stages.clear_object(run, scene, source, settings.lift, settings.masking)
+    backgrounds, depths = stages.look_behind(run, cleared)
+    references = stages.choose_references(run, cleared.views, settings.references, settings.selection, seed)
+    fills = stages.fill_views(run, cleared.views, backgrounds, depths, references, prior, seed)
+    edited = stages.refit(run, cleared, fills, scene.extent, settings.refit, seed)
+    stages.show_views(run, scene, source, edited)
+    stages.finish(run, "refit")
+    return RemoveResult(edited, source, run)
+
+
+def remove_command(
+    scene: Path, out: Path, masks: Path | None, image_scale: float, iterations: int | None, hold_out: int,
+    seed: int, resume: bool, prior: str, references: int, selection: str,
+) -> Run:  # fmt: skip
+    """`diga3d remove`: read the capture, remove the object, measure, and leave a run folder.
+
+    Raises:
+        InputError: the input or the run folder is not usable.
+    """
+    capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
+    settings = replace(
+        RemoveSettings(), fit=fit_settings(iterations), references=references, selection=selection
+    )
+    run = Run(
+        out,
+        "remove",
+        {
+            "scene": scene, "masks": masks, "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
+            "iterations": settings.fit.iterations, "prior": prior, "references": references,
+            "selection": selection,
+        },
+        resume=resume,
+    )  # fmt: skip
+    remove(capture, run, settings, prior=ClassicalPrior(), seed=seed)
+    conclude(run, capture)
+    return run

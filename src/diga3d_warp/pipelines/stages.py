@@ -1,0 +1,311 @@
+"""Stages that the tasks share. Each reads what earlier stages wrote and writes its own products.
+
+A stage never hands tensors on in memory: it loads them from its folder, finished or resumed alike. So a run
+that was killed and resumed ends with the same bytes as one that was not.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.evaluation.record import CAMERAS, RESULT, SOURCE
+from diga3d_warp.files import read_json, to_bytes, write_image, write_json
+from diga3d_warp.gaussians.fit import FitResult, FitSettings, Target, fit
+from diga3d_warp.gaussians.initialise import from_image, initialise
+from diga3d_warp.gaussians.lift import LiftSettings, object_mask, object_rows, vote
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.ply import read_ply
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.priors.protocol import Prior
+from diga3d_warp.propagation.fill import Fill, carry, fill_references
+from diga3d_warp.propagation.references import References, select_references
+from diga3d_warp.propagation.unseen import Background, observe_behind
+from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
+from diga3d_warp.scene.scene import Scene, View
+from diga3d_warp.splatting.render import render
+
+GAUSSIANS = RESULT
+CURVE = "curve.json"
+
+
+@dataclass(frozen=True)
+class MaskSettings:
+    """How masks are widened before anything is filled.
+
+    Attributes:
+        dilation: Radius [image diagonals]. Masks seldom reach the object's very rim, and splats reach over
+            it. SPIn-NeRF: five times 5 x 5, 10 px at a diagonal of 1157 px; here a little more, against the
+            halo of fitted splats.
+    """
+
+    dilation: float = 0.012
+
+
+def begin(run: Run, scene: Scene) -> None:
+    """Note what the reader noted, and keep the cameras for viewers and later commands."""
+    for note in scene.notes:
+        run.note(note)
+    save_cameras(run.folder / CAMERAS, CameraSet.of(scene))
+
+
+def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaussians:
+    """The splat of the scene as it was captured; a capture that is a splat already is not fitted again."""
+
+    def compute(folder: Path) -> None:
+        if scene.splat is not None:
+            content = read_ply(scene.splat)
+            for note in content.notes:
+                run.note(note)
+            content.gaussians.save_ply(folder / GAUSSIANS)
+            write_json(folder / CURVE, [])
+            return
+        targets = [Target(view.camera, torch.from_numpy(view.pixels)) for view in scene.views]
+        result = fit(
+            initialise(scene.points), targets, scene.extent, settings, seed=seed,
+            checkpoint=folder / "checkpoint.pt", progress=True,
+        )  # fmt: skip
+        _keep_fit(folder, result)
+
+    folder = run.stage("fit", compute)
+    run.add_metrics("fit", {"curve": read_json(folder / CURVE, "run again")})
+    return Gaussians.load_ply(folder / GAUSSIANS)
+
+
+@dataclass(frozen=True, eq=False)
+class Cleared:
+    """The scene with the object's gaussians taken out.
+
+    Attributes:
+        gaussians: What is left.
+        free: Rows that show within the widened masks and may change when the hole is filled, shape (N,).
+        views: Training views with widened masks.
+    """
+
+    gaussians: Gaussians
+    free: torch.Tensor
+    views: list[View]
+
+
+def clear_object(
+    run: Run, scene: Scene, source: Gaussians, settings: LiftSettings, masking: MaskSettings
+) -> Cleared:
+    """Lift the masks to gaussians, delete those of the object, and widen the masks.
+
+    Views without a mask get one from the object's gaussians.
+
+    Raises:
+        InputError: no view has a mask, or the masks lift to no gaussian or to all of them.
+    """
+    masked = [view for view in scene.views if view.mask is not None]
+    if not masked:
+        raise InputError(
+            f"{scene.path}: no view has a mask; put one for each image into {scene.path / 'masks'}, "
+            "white on the object, or name a folder with --masks"
+        )
+
+    def compute(folder: Path) -> None:
+        votes = vote(source, [view.camera for view in masked], [_mask(view) for view in masked])
+        rows = object_rows(votes, settings)
+        if not rows.any():
+            raise InputError(f"{scene.path}: the masks lift to no gaussian; do they belong to these images?")
+        if rows.all():
+            raise InputError(f"{scene.path}: the masks lift to every gaussian; mask the object only")
+        for view in [*scene.views, *scene.test_views]:
+            mask = view.mask if view.mask is not None else object_mask(source, view.camera, rows)
+            write_image(folder / "masks" / f"{view.name}.png", widened(mask, masking))
+        left = source.select(~rows)
+        widened_masks = [_read_mask(folder / "masks" / f"{view.name}.png") for view in scene.views]
+        near = vote(left, [view.camera for view in scene.views], widened_masks)
+        left.save_ply(folder / GAUSSIANS)
+        np.save(folder / "free.npy", (near.share > settings.free_share).numpy())
+        write_json(folder / "counts.json", {"object": int(rows.sum()), "left": int((~rows).sum())})
+
+    folder = run.stage("clear", compute)
+    views = [view.with_mask(_read_mask(folder / "masks" / f"{view.name}.png")) for view in scene.views]
+    free = torch.from_numpy(np.load(folder / "free.npy"))
+    return Cleared(Gaussians.load_ply(folder / GAUSSIANS), free, views)
+
+
+def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.ndarray]]:
+    """What other views saw behind the object, and the depth of the cleared scene, per view."""
+
+    def compute(folder: Path) -> None:
+        depths, alphas = [], []
+        for view in cleared.views:
+            with torch.no_grad():
+                rendering = render(cleared.gaussians, view.camera)
+            depths.append(rendering.depth.numpy())
+            alphas.append(rendering.alpha.numpy())
+        backgrounds = observe_behind(cleared.views, depths, alphas)
+        for view, background, depth, alpha in zip(cleared.views, backgrounds, depths, alphas, strict=True):
+            write_image(folder / f"{view.name}.png", background.image)
+            write_image(folder / f"{view.name}.unseen.png", background.unseen)
+            np.save(folder / f"{view.name}.depth.npy", np.where(alpha > 0.5, depth, 0.0).astype(np.float32))
+
+    folder = run.stage("look-behind", compute)
+    backgrounds, depths = [], []
+    for view in cleared.views:
+        unseen = _read_mask(folder / f"{view.name}.unseen.png")
+        backgrounds.append(
+            Background(unseen, _read_image(folder / f"{view.name}.png"), _mask(view) & ~unseen)
+        )
+        depths.append(np.load(folder / f"{view.name}.depth.npy"))
+    return backgrounds, depths
+
+
+def choose_references(run: Run, views: Sequence[View], count: int, method: str, seed: int) -> References:
+    """K references by k-means on camera centres, or at random."""
+
+    def compute(folder: Path) -> None:
+        centers = np.stack([view.camera.center for view in views])
+        chosen = select_references(centers, count, seed, method)  # type: ignore[arg-type]
+        names = [views[index].name for index in chosen.indices]
+        data = {"indices": chosen.indices, "names": names, "cluster": chosen.cluster.tolist()}
+        write_json(folder / "references.json", data)
+
+    folder = run.stage("references", compute)
+    data = read_json(folder / "references.json", "run again")
+    return References(data["indices"], np.array(data["cluster"]))
+
+
+def fill_views(
+    run: Run,
+    views: Sequence[View],
+    backgrounds: Sequence[Background],
+    depths: Sequence[np.ndarray],
+    references: References,
+    prior: Prior,
+    seed: int,
+) -> list[Fill]:
+    """Fill the references and carry their fill to every view."""
+    cameras = [view.camera for view in views]
+
+    def compute(folder: Path) -> None:
+        fills = fill_references(cameras, backgrounds, depths, references, prior, seed)
+        for view, fill in zip(views, carry(cameras, backgrounds, references, fills), strict=True):
+            write_image(folder / f"{view.name}.png", fill.image)
+            planes = {"filled": fill.filled, "invented": fill.invented, "missing": fill.missing}
+            np.savez_compressed(folder / f"{view.name}.npz", depth=fill.depth, **planes)
+
+    folder = run.stage("fill", compute)
+    fills = []
+    for view in views:
+        with np.load(folder / f"{view.name}.npz") as planes:
+            fills.append(Fill(image=_read_image(folder / f"{view.name}.png"), **planes))
+    return fills
+
+
+def refit(
+    run: Run, cleared: Cleared, fills: Sequence[Fill], extent: float, settings: FitSettings, seed: int
+) -> Gaussians:
+    """Fit the hole to the filled views; gaussians that do not show there keep their values."""
+
+    def compute(folder: Path) -> None:
+        coefficients = cleared.gaussians.sh.shape[1]
+        seeds = [
+            from_image(fill.image, fill.depth, fill.invented, view.camera, coefficients, SEEDS_PER_REFERENCE)
+            for view, fill in zip(cleared.views, fills, strict=True)
+            if fill.invented.any()
+        ]
+        start, held = cleared.gaussians, ~cleared.free
+        for added in seeds:
+            start = start.joined(added)
+        held = torch.nn.functional.pad(held, (0, len(start) - len(held)))
+        targets = [
+            Target(
+                view.camera,
+                torch.from_numpy(to_bytes(fill.image)),
+                weight=torch.from_numpy((~fill.missing).astype(np.float32)),
+                depth=torch.from_numpy(fill.depth),
+            )
+            for view, fill in zip(cleared.views, fills, strict=True)
+        ]
+        result = fit(
+            start, targets, extent, settings, seed=seed, held=held,
+            checkpoint=folder / "checkpoint.pt", progress=True, label="refit",
+        )  # fmt: skip
+        _keep_fit(folder, result)
+
+    folder = run.stage("refit", compute)
+    run.add_metrics("refit", {"curve": read_json(folder / CURVE, "run again")})
+    return Gaussians.load_ply(folder / GAUSSIANS)
+
+
+SEEDS_PER_REFERENCE = 12_000
+"""Most gaussians put on what one reference invented: a tenth of a 504 x 378 image at two thirds of its
+pixels, and not many more than a fitted image holds."""
+
+
+def show_views(run: Run, scene: Scene, before: Gaussians, after: Gaussians | None) -> None:
+    """Pictures of every view: photographs' cameras, the splat before and after the edit."""
+
+    def compute(folder: Path) -> None:
+        for view in [*scene.views, *scene.test_views]:
+            for side, gaussians in (("before", before), ("after", after)):
+                if gaussians is not None:
+                    write_image(folder / side / f"{view.name}.png", picture(gaussians, view.camera))
+
+    folder = run.stage("views", compute)
+    for source in sorted(folder.rglob("*.png")):
+        run.publish(source, f"views/{source.relative_to(folder)}")
+
+
+def finish(run: Run, result: str) -> None:
+    """Publish the splats and the masks of a run."""
+    run.publish(run.folder / "stages" / result / GAUSSIANS, RESULT)
+    if result != "fit":
+        run.publish(run.folder / "stages" / "fit" / GAUSSIANS, SOURCE)
+        for mask in sorted((run.folder / "stages" / "clear" / "masks").glob("*.png")):
+            run.publish(mask, f"masks/{mask.name}")
+
+
+def picture(gaussians: Gaussians, camera: Camera) -> np.ndarray:
+    """A rendering as an 8-bit image, shape (H, W, 3)."""
+    with torch.no_grad():
+        return to_bytes(render(gaussians, camera, with_depth=False).color)
+
+
+def widened(mask: np.ndarray, settings: MaskSettings) -> np.ndarray:
+    """A mask dilated by a disc, shape (H, W), bool."""
+    import cv2
+
+    radius = max(1, round(settings.dilation * float(np.hypot(*mask.shape))))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    return cv2.dilate(mask.astype(np.uint8), disc) > 0
+
+
+def _keep_fit(folder: Path, result: FitResult) -> None:
+    result.gaussians.save_ply(folder / GAUSSIANS)
+    write_json(folder / CURVE, json.loads(json.dumps(result.curve)))
+    (folder / "checkpoint.pt").unlink(missing_ok=True)
+
+
+def _mask(view: View) -> np.ndarray:
+    assert view.mask is not None
+    return view.mask
+
+
+def _read_image(path: Path) -> np.ndarray:
+    import cv2
+
+    return _decoded(path, cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)).astype(np.float32) / 255.0
+
+
+def _read_mask(path: Path) -> np.ndarray:
+    import cv2
+
+    return _decoded(path, cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)) > 127
+
+
+def _decoded(path: Path, pixels: np.ndarray | None) -> np.ndarray:
+    if pixels is None:
+        raise InputError(f"{path} cannot be decoded: delete {path.parent} and use --resume")
+    return pixels
