@@ -111,7 +111,6 @@ def test_defaults_are_handed_over(monkeypatch):
         "image_scale": 1.0,
         "iterations": None,
         "hold_out": 8,
-        "device": "auto",
         "seed": 0,
         "resume": False,
     }

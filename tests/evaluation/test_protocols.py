@@ -38,6 +38,7 @@ def test_removal_against_held_out_photographs(toy_run):
     assert list(found["edited against source"]["views"]) == ["view_0", "view_4"]
     assert "unmasked PSNR" in tables[0].columns
     assert "inf" in tables[0].text()
+    assert read_metrics(toy_run.folder)["evaluation"]["unmasked_loss_db"] == 0
     assert "LPIPS is not measured" in tables[0].title
 
 
@@ -54,6 +55,7 @@ def test_change_outside_the_mask_shows(toy_run):
     )
     assert edited < source - 3, "the mask that the run used counts, not the scene's"
     assert change < 40
+    assert read_metrics(toy_run.folder)["evaluation"]["unmasked_loss_db"] == pytest.approx(source - edited)
 
 
 def test_views_without_masks_give_no_region(toy_run):

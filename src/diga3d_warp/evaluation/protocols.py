@@ -11,6 +11,7 @@ spin-nerf
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +33,7 @@ from diga3d_warp.splatting.render import render
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-LPIPS_LINE = "LPIPS is not measured: its weights are not part of this program"
+LPIPS_LINE = "LPIPS is not measured: its weights are not part of this program."
 
 
 @dataclass(frozen=True)
@@ -96,12 +97,14 @@ def evaluate(
         comparisons = _edited_and_source(folder, views)
     else:
         comparisons = [_fitted(folder, views)]
-    figures = {
+    figures: dict[str, Any] = {
         "protocol": protocol,
         "image_scale": scale,
         "lpips": None,
         "comparisons": [comparison.as_json() for comparison in comparisons],
     }
+    if protocol == "held-out":
+        figures["unmasked_loss_db"] = _unmasked_loss(comparisons)
     add_metrics(folder, "evaluation", figures)
     return evaluation_tables(figures)
 
@@ -110,9 +113,12 @@ def evaluation_tables(figures: Mapping[str, Any]) -> list[Table]:
     """Tables of what `evaluate` put into metrics.json: the means, then each comparison by view."""
     comparisons = figures["comparisons"]
     count = max(len(comparison["views"]) for comparison in comparisons)
-    where = f"{figures['protocol']}, image scale {figures['image_scale']:g}"
+    title = f"Mean over {count} views ({figures['protocol']}, image scale {figures['image_scale']:g}). "
+    title += LPIPS_LINE
+    if figures.get("unmasked_loss_db") is not None:
+        title += f" Unmasked pixels lost {figures['unmasked_loss_db']:.2f} dB to the edit."
     means = {entry["title"]: _scores_from_json(entry["mean"]) for entry in comparisons}
-    tables = [score_table(f"Mean over {count} views ({where}). {LPIPS_LINE}.", "compared", means)]
+    tables = [score_table(title, "compared", means)]
     for entry in comparisons:
         rows = {name: _scores_from_json(scores) for name, scores in entry["views"].items()}
         tables.append(score_table(entry["title"].capitalize(), "view", rows))
@@ -147,10 +153,20 @@ def _edited_and_source(folder: Path, views: list[View]) -> list[Comparison]:
 
 def _against_truth(folder: Path, views: list[View]) -> Comparison:
     draw = _renderer(folder / RESULT)
+    what = "edited" if (folder / SOURCE).is_file() else "fit"
     return Comparison(
-        "edited against ground truth",
+        f"{what} against ground truth",
         {view.name: compare(draw(view.camera), view.image, view.mask) for view in views},
     )
+
+
+def _unmasked_loss(comparisons: list[Comparison]) -> float | None:
+    """PSNR that the edit cost where it should have changed nothing [dB]; None where that is not known."""
+    means = [comparison.mean.get("unmasked") for comparison in comparisons[:2]]
+    if len(means) < 2 or means[0] is None or means[1] is None:
+        return None
+    loss = means[0].psnr - means[1].psnr
+    return loss if math.isfinite(loss) else None
 
 
 def _only_unmasked(scores: Mapping[str, Score]) -> dict[str, Score]:
