@@ -45,21 +45,21 @@ def write_ply(path: Path, gaussians: Gaussians) -> None:
     """
     columns = _column_names()
     count = len(gaussians)
-    table = np.zeros((count, len(columns)), "<f4")
-    sh = gaussians.sh.detach().cpu().numpy()
+    arrays = {name: tensor.detach().cpu().numpy() for name, tensor in gaussians.named()}
+    sh = arrays["sh"]
     rest = np.zeros((count, REST, 3), np.float32)
     rest[:, : sh.shape[1] - 1] = sh[:, 1:]
-    parts = {
-        "x": gaussians.means,
+    blocks = {
+        "x": arrays["means"],
         "f_dc_0": sh[:, 0],
         "f_rest_0": rest.transpose(0, 2, 1).reshape(count, 3 * REST),
-        "opacity": gaussians.opacity_logits[:, None],
-        "scale_0": gaussians.log_scales,
-        "rot_0": gaussians.quaternions,
+        "opacity": arrays["opacity_logits"][:, None],
+        "scale_0": arrays["log_scales"],
+        "rot_0": arrays["quaternions"],
     }
-    for first, values in parts.items():
+    table = np.zeros((count, len(columns)), "<f4")
+    for first, block in blocks.items():
         start = columns.index(first)
-        block = values.detach().cpu().numpy() if isinstance(values, torch.Tensor) else values
         table[:, start : start + block.shape[1]] = block
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {count}"]
     header += [f"property float {name}" for name in columns] + ["end_header", ""]

@@ -154,9 +154,8 @@ def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.n
     backgrounds, depths = [], []
     for view in cleared.views:
         unseen = _read_mask(folder / f"{view.name}.unseen.png")
-        backgrounds.append(
-            Background(unseen, _read_image(folder / f"{view.name}.png"), _mask(view) & ~unseen)
-        )
+        image = _read_image(folder / f"{view.name}.png")
+        backgrounds.append(Background(unseen, image, _mask(view) & ~unseen))
         depths.append(np.load(folder / f"{view.name}.depth.npy"))
     return backgrounds, depths
 
@@ -192,8 +191,10 @@ def fill_views(
         fills = fill_references(cameras, backgrounds, depths, references, prior, seed)
         for view, fill in zip(views, carry(cameras, backgrounds, references, fills), strict=True):
             write_image(folder / f"{view.name}.png", fill.image)
-            planes = {"filled": fill.filled, "invented": fill.invented, "missing": fill.missing}
-            np.savez_compressed(folder / f"{view.name}.npz", depth=fill.depth, **planes)
+            np.savez_compressed(
+                folder / f"{view.name}.npz",
+                depth=fill.depth, filled=fill.filled, invented=fill.invented, missing=fill.missing,
+            )  # fmt: skip
 
     folder = run.stage("fill", compute)
     fills = []

@@ -26,7 +26,7 @@ class Fill:
     """A view without the object.
 
     Attributes:
-        image: RGB, shape (H, W, 3), float32 in [0, 1]: the photograph, what other views observed, and the fill.
+        image: RGB, shape (H, W, 3), float32 in [0, 1]: the photograph, what others observed, and the fill.
         depth: z of the fill [scene units], shape (H, W), float32; 0 outside `filled`.
         filled: Where nobody saw and the fill stands, shape (H, W), bool.
         invented: The part of `filled` that the prior made in this very view, shape (H, W), bool.
@@ -69,15 +69,8 @@ def fill_references(
             filled = prior.fill(torch.from_numpy(image), torch.from_numpy(invented), seed=seed)
             image = filled.numpy()
         unseen = known.filled | invented
-        fills.append(
-            Fill(
-                image,
-                np.where(unseen, depth, 0.0).astype(np.float32),
-                unseen,
-                invented,
-                np.zeros_like(unseen),
-            )
-        )
+        surface = np.where(unseen, depth, 0.0).astype(np.float32)
+        fills.append(Fill(image, surface, unseen, invented, np.zeros_like(unseen)))
     return fills
 
 
@@ -115,9 +108,8 @@ def _take(background: Background, camera: Camera, sources: Sequence[tuple[Fill, 
     for source, source_camera in sources:
         if not missing.any():
             break
-        warp = reproject(
-            torch.from_numpy(source.image), torch.from_numpy(source.depth), source_camera, camera
-        )
+        shown = torch.from_numpy(source.image), torch.from_numpy(source.depth)
+        warp = reproject(*shown, source_camera, camera)
         taken = missing & warp.visible.numpy()
         image[taken] = warp.image.numpy()[taken]
         depth[taken] = warp.depth.numpy()[taken]

@@ -8,7 +8,7 @@ import torch
 import warp as wp
 
 
-def warp_array(tensor: torch.Tensor, dtype: Any) -> wp.array:
+def warp_array(tensor: torch.Tensor, dtype: Any) -> Any:
     """View a contiguous tensor as a Warp array of scalars, vectors or matrices."""
     wp.init()  # from_torch does not, where this is the first call of all
     return wp.from_torch(tensor.detach(), dtype=dtype, requires_grad=False)
