@@ -45,6 +45,15 @@ def describe_machine() -> dict[str, Any]:
     }
 
 
+def available_mib() -> int:
+    """Memory that programs can still take [MiB]; all of it where the system does not say (not Linux)."""
+    try:
+        found = re.search(r"MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text())
+    except OSError:
+        found = None
+    return int(found[1]) // 1024 if found else describe_machine()["memory_mib"]
+
+
 def core_count() -> int:
     """Number of cores this process may run on."""
     if hasattr(os, "sched_getaffinity"):

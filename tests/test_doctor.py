@@ -1,0 +1,66 @@
+"""The doctor: all well on the machine that runs the tests, and each trouble told with its remedy."""
+
+import sys
+from pathlib import Path
+
+import cv2
+import pytest
+
+from diga3d_warp import cli, doctor
+from diga3d_warp.kernels.launch import thread_count
+
+
+def test_this_machine_is_well(capsys):
+    threads = thread_count()
+    assert cli.main(["doctor"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert all(line.startswith(("ok    ", "warn  ")) for line in lines)
+    for expected in ("warp-lang", "torch", "Warp on", "times as fast", "xphoto", ".webm", "memory", "disk"):
+        assert sum(expected in line for line in lines) >= 1
+    assert thread_count() == threads
+
+
+@pytest.mark.parametrize(
+    ("found", "state"),
+    [("1.18.2", "fail"), ("1.19", "ok"), ("1.19.0+cpu", "ok"), ("1.100", "ok"), (None, "fail")],
+)
+def test_versions(monkeypatch, found, state):
+    def version(name):
+        if found is None:
+            raise doctor.PackageNotFoundError(name)
+        return found
+
+    monkeypatch.setattr(doctor, "requires", lambda name: ["warp-lang>=1.19", 'ruff>=1; extra == "dev"'])
+    monkeypatch.setattr(doctor, "version", version)
+    (check,) = doctor.check_packages()
+    assert check.state == state
+    assert ("pip install 'warp-lang>=1.19'" in check.line) == (state == "fail")
+
+
+def test_missing_package_stops_what_needs_it(monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "requires", lambda name: ["no-such-package>=1.0"])
+    assert doctor.examine() == 1
+    assert "Warp on" not in capsys.readouterr().out
+
+
+def test_little_room_is_a_warning():
+    assert doctor.check_memory(100, 4096).state == "warn"
+    assert doctor.check_memory(5000, 4096).state == "ok"
+    assert doctor.check_disk(Path.cwd(), sys.maxsize).state == "warn"
+    assert doctor.check_disk(Path.cwd(), 0).state == "ok"
+
+
+def test_opencv_without_contrib(monkeypatch):
+    monkeypatch.delattr(cv2, "xphoto")
+    check = doctor.check_shift_map()
+    assert check.state == "fail"
+    assert "opencv-contrib-python-headless" in check.line
+
+
+def test_kernel_with_wrong_results(monkeypatch):
+    from diga3d_warp.kernels import probe
+
+    right = probe.roots_of
+    monkeypatch.setattr(probe, "roots_of", lambda count, steps, device: right(count, 1, device))
+    assert [check.state for check in doctor.check_kernels()] == ["fail"] * len(list(doctor.check_kernels()))
+    assert "wrong" in next(doctor.check_kernels()).line
