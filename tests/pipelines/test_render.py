@@ -45,10 +45,11 @@ def test_frames_at_the_views_are_the_views(toy_run):
     np.testing.assert_allclose(picture, expected, atol=0.51)
 
 
-def test_default_is_a_video_in_the_run(toy_run):
+def test_default_is_a_video_in_the_run(toy_run, capfd):
     assert render_path(toy_run.folder, frames=2) == toy_run.folder / "path.webm"
     assert len(read_video(toy_run.folder / "path.webm")) == 2
     assert not list(toy_run.folder.glob(".*")), "no temporary file stays"
+    assert "not supported" not in capfd.readouterr().err
 
 
 def test_what_cannot_be_rendered_is_one_line(toy_run, tmp_path):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -17,6 +19,9 @@ from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.cameras_file import load_cameras
 from diga3d_warp.splatting.render import render
+
+if TYPE_CHECKING:
+    import cv2
 
 FRAME_RATE = 30.0
 """Frames a second of a video."""
@@ -67,6 +72,27 @@ def render_path(
     return out
 
 
+def open_video(path: Path, size: tuple[int, int]) -> cv2.VideoWriter:
+    """A video file open for writing, or an unopened writer where OpenCV cannot.
+
+    Args:
+        path: Ends in one of `CODECS`.
+        size: Width and height of a frame [px], both even.
+    """
+    import cv2
+
+    codec = cv2.VideoWriter.fourcc(*CODECS[path.suffix])
+    # OpenCV tells stderr that VP80 "is not supported" in .webm, then writes it well: that line only alarms.
+    kept = os.dup(2)
+    with Path(os.devnull).open("w") as silence:
+        os.dup2(silence.fileno(), 2)
+        try:
+            return cv2.VideoWriter(str(path), codec, FRAME_RATE, size)
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+
+
 def _framed(camera: Camera, width: int, height: int) -> Camera:
     """The camera with another image size, its horizontal field of view and square pixels kept."""
     scale = width / camera.width
@@ -95,12 +121,9 @@ def _write_frames(out: Path, pictures: Iterable[np.ndarray]) -> None:
 
 
 def _write_video(out: Path, pictures: Iterable[np.ndarray], width: int, height: int) -> None:
-    import cv2
-
     even = (width // 2 * 2, height // 2 * 2)
     with whole_file(out) as partial:
-        codec = cv2.VideoWriter.fourcc(*CODECS[out.suffix])
-        video = cv2.VideoWriter(str(partial), codec, FRAME_RATE, even)
+        video = open_video(partial, even)
         if not video.isOpened():
             raise InputError(f"{out} cannot be written as video here: give a folder for frames instead")
         try:
