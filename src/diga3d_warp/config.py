@@ -30,6 +30,13 @@ class Splatting:
             image and its determinant leaves the range of float32. brush: 1e18 on entries.
         determinant_min: Smallest determinant of a projected covariance [px^4]. The low-pass bounds it by
             0.09, so only broken input falls below; the adjoint divides by its square.
+        coordinate_max: Coordinates of means and quaternions that are not below this are broken input
+            [scene units]; their squares still fit into float32. NaN and infinity fail the same comparison.
+        log_scale_max: Logarithms of scales beyond this, up or down, are broken input: e^40 = 2e17.
+        logit_min: Opacity logits that are not above this are culled before any arithmetic: the adjoint of
+            e^-x would multiply zero by infinity. The opacity there, e^-80, is far below `alpha_min`.
+        color_max: A gaussian whose harmonics' absolute values sum up to more is black. Trained ones stay
+            below 100; rounding of 1e4 is 1e-3 in the gradient of what lies behind. brush clamps, too.
     """
 
     near: float = 0.01
@@ -41,6 +48,10 @@ class Splatting:
     quaternion_min: float = 1e-8
     variance_max: float = 1e12
     determinant_min: float = 1e-6
+    coordinate_max: float = 1e15
+    log_scale_max: float = 40.0
+    logit_min: float = -80.0
+    color_max: float = 1e4
 
 
 SPLATTING = Splatting()

@@ -5,6 +5,7 @@ Invariants
 - The direction runs from the camera centre to the mean; its length is guarded, so a mean at the centre
   gets the colour of degree 0 and no NaN.
 - Gaussians with extent (0, 0) are culled: colour zero, gradient zero, coefficients never read.
+- Coefficients that are not finite, or absurdly large, give black and a zero gradient.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from functools import cache
 
 import warp as wp
 
-from diga3d_warp.config import POSE_GROUP
+from diga3d_warp.config import POSE_GROUP, SPLATTING
 from diga3d_warp.kernels.launch import DIFFERENTIABLE, launch
 
 C0 = 0.28209479177387814
@@ -25,6 +26,20 @@ C3 = (
     -0.5900435899266435, 2.890611442640554, -0.4570457994644658, 0.3731763325901154,
     -0.4570457994644658, 1.445305721320277, -0.5900435899266435,
 )  # fmt: skip
+
+
+@wp.func
+def magnitude(sh: wp.array2d(dtype=wp.vec3), i: int, terms: int) -> float:
+    """Bound of the colour of gaussian `i`: no harmonic up to degree 3 exceeds 1.5."""
+    total = float(0.0)
+    for k in range(terms):
+        total += wp.abs(sh[i, k][0]) + wp.abs(sh[i, k][1]) + wp.abs(sh[i, k][2])
+    return total
+
+
+@wp.func_grad(magnitude)
+def adj_magnitude(sh: wp.array2d(dtype=wp.vec3), i: int, terms: int, adj_total: float):
+    pass  # only compared, never drawn
 
 
 @cache
@@ -43,6 +58,8 @@ def harmonics_kernel(degree: int) -> wp.Kernel:
     ):
         i = wp.tid() + offset
         if not (extents[i][0] > 0.0):
+            return
+        if not (magnitude(sh, i, wp.static((degree + 1) ** 2)) < wp.static(SPLATTING.color_max)):
             return
         color = wp.vec3(0.5, 0.5, 0.5) + wp.static(C0) * sh[i, 0]
         if wp.static(degree > 0):

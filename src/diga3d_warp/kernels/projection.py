@@ -6,6 +6,8 @@ Invariants
   low-pass e. The textbook a d - b^2 loses all digits on needles.
 - A culled gaussian has extent (0, 0) and exact zeros in every output; its gradient is exactly zero.
 - Every guard is written positively, `if not (x >= limit)`, so that NaN fails it.
+- Broken input is culled before any arithmetic: the adjoint of a product multiplies by the other factor, and
+  zero times infinity or NaN would reach the camera's gradient.
 - The camera comes in rows, one for `POSE_GROUP` gaussians, all equal: each row collects the gradient of its
   own group.
 """
@@ -36,6 +38,11 @@ def rotation_of(q: wp.vec4) -> wp.mat33:
         2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x),
         2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y),
     )  # fmt: skip
+
+
+@wp.func
+def within(v: wp.vec3, limit: float) -> bool:
+    return wp.abs(v[0]) < limit and wp.abs(v[1]) < limit and wp.abs(v[2]) < limit
 
 
 @wp.func
@@ -76,13 +83,23 @@ def projection_kernel(lens_kind: str) -> wp.Kernel:
         f = intrinsics[group]
 
         mean = means[i]
-        p = wp.transform_point(pose, mean)
-        if not (p[2] >= wp.static(_S.near)) or not (wp.dot(p, p) < 1.0e30):
-            return
+        scale = log_scales[i]
         q = quaternions[i]
-        if not (wp.dot(q, q) >= wp.static(_S.quaternion_min)) or not (wp.dot(q, q) < 1.0e30):
+        logit = opacity_logits[i]
+        limit = wp.static(_S.coordinate_max)
+        if not within(mean, limit) or not within(scale, wp.static(_S.log_scale_max)):
             return
-        opacity = sigmoid(opacity_logits[i])
+        if not within(wp.vec3(q[0], q[1], q[2]), limit) or not (wp.abs(q[3]) < limit):
+            return
+        if not (logit > wp.static(_S.logit_min)) or not (logit < limit):
+            return
+
+        p = wp.transform_point(pose, mean)
+        if not (p[2] >= wp.static(_S.near)):
+            return
+        if not (wp.dot(q, q) >= wp.static(_S.quaternion_min)):
+            return
+        opacity = sigmoid(logit)
         if not (opacity >= wp.static(_S.alpha_min)):
             return
 
@@ -108,7 +125,6 @@ def projection_kernel(lens_kind: str) -> wp.Kernel:
             pose[2, 0], pose[2, 1], pose[2, 2],
         ))  # fmt: skip
         axes = wp.transpose(rotation_of(q))
-        scale = log_scales[i]
         scales = wp.vec3(wp.exp(scale[0]), wp.exp(scale[1]), wp.exp(scale[2]))
         a = wp.cw_mul(axes * (world * row_u), scales)
         b = wp.cw_mul(axes * (world * row_v), scales)

@@ -13,8 +13,9 @@ from diga3d_warp.kernels.cameras import pixel_rays_kernel, valid_radius
 from diga3d_warp.kernels.launch import launch
 from diga3d_warp.scene.camera import Camera, Distortion
 
-NO_RADIUS_LIMIT = 1e15
-"""Stands for an infinite valid radius; its square is still a float32."""
+NO_RADIUS_LIMIT = 1e6
+"""Stands for an infinite valid radius [focal lengths]: a ray a fifth of an arc second from the image plane. The
+fifth power of it, which a lens polynomial takes, is still a float32."""
 
 
 @dataclass(frozen=True, eq=False)
