@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.process import tune_process
 
 EXIT_INPUT = 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
@@ -52,6 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit code: 0 done, 1 a check of `doctor` failed, 2 bad input, 130 interrupted.
     """
+    tune_process()
     words = list(sys.argv[1:] if arguments is None else arguments)
     options = vars(parser().parse_args(words))
     command: Callable[..., int] = options.pop("run")

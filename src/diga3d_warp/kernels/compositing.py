@@ -462,6 +462,7 @@ def composite(bins: Bins, width: int, height: int, splats: list, outputs: list, 
         outputs,
         device=device,
         work=100,
+        uneven=True,
     )
 
 
@@ -487,6 +488,7 @@ def composite_adjoint(
         [rows],
         device=device,
         work=100,
+        uneven=True,
     )
     launch(
         gather_gradients, bins.order.shape[0], [bins.order, bins.first, bins.slots, rows], adj_splats,

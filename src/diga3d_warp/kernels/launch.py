@@ -43,8 +43,9 @@ DIFFERENTIABLE: dict[str, Any] = {**OPTIONS, "enable_backward": True}
 """Module options of kernels whose adjoint Warp derives. Only for kernels without sequential loops: Warp does
 not replay dynamic loops, and their automatic adjoints are silently wrong."""
 
-CHUNKS_PER_THREAD = 4
-"""Ranges per thread: enough that a slow range does not keep the other threads waiting."""
+UNEVEN_RANGES = 4
+"""Ranges per thread of a launch whose indices differ in cost: enough that a slow range does not keep the other
+threads waiting. Even launches get one range per thread: recording a range takes 50 to 100 us."""
 
 SERIAL_BELOW = 2048
 """Indices under which one range runs on the calling thread: waking a worker costs about 50 us, as much as a
@@ -90,6 +91,7 @@ def launch(
     adj_outputs: Sequence[Any] = (),
     adjoint: bool = False,
     work: int = 1,
+    uneven: bool = False,
     align: int = 1,
 ) -> None:
     """Run `kernel` over `dim` indices, on CPU spread over all threads.
@@ -104,6 +106,7 @@ def launch(
         adjoint: Run the adjoint that Warp derived. Each index must write gradients to cells of its own.
         work: How many times heavier an index is than a light one (about 20 ns); decides when a launch is
             worth spreading.
+        uneven: Indices differ much in cost.
         align: Ranges begin at multiples of this, where `align` indices share a cell that they write to.
     """
     if dim == 0:
@@ -123,7 +126,7 @@ def launch(
         wp.launch(kernel, dim, inputs=[0, *inputs], **arguments)
         return
     blocks = -(-dim // align)
-    count = min(blocks, threads * CHUNKS_PER_THREAD)
+    count = min(blocks, threads * (UNEVEN_RANGES if uneven else 1))
     edges = [min(dim, blocks * k // count * align) for k in range(count + 1)]
     ranges = deque(
         wp.launch(kernel, end - start, inputs=[start, *inputs], record_cmd=True, **arguments)
