@@ -46,7 +46,10 @@ def check(out: Rendering, leaves: dict[str, torch.Tensor]) -> None:
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 1e38, -1e38])
 @pytest.mark.parametrize("field", FIELDS)
 def test_a_poisoned_gaussian_changes_nothing_for_the_others(field, value):
-    """The image is that of the scene without it, or with it black (sh), and so are all gradients."""
+    """Image and gradients are those of the scene without it.
+
+    Broken harmonics are black instead, and an infinite logit, which converters write, is an opacity of 1.
+    """
     gaussians = random_gaussians(COUNT)
     victim = 4
     getattr(gaussians, field)[victim].view(-1)[-1] = value
@@ -54,9 +57,14 @@ def test_a_poisoned_gaussian_changes_nothing_for_the_others(field, value):
     check(out, leaves)
     kept = torch.arange(COUNT) != victim
     if field == "sh":
+        kept[victim] = True
         clean = gaussians.detached()
         clean.sh[victim] = 0.0
         clean.sh[victim, 0] = -100.0
+    elif field == "opacity_logits" and value > 0:
+        kept[victim] = True
+        clean = gaussians.detached()
+        clean.opacity_logits[victim] = 200.0
     else:
         assert out.projection.extents[victim, 0] == 0
         clean = gaussians.select(kept)

@@ -91,7 +91,7 @@ def projection_kernel(lens_kind: str) -> wp.Kernel:
             return
         if not within(wp.vec3(q[0], q[1], q[2]), limit) or not (wp.abs(q[3]) < limit):
             return
-        if not (logit > wp.static(_S.logit_min)) or not (logit < limit):
+        if not (logit > wp.static(_S.logit_min)):  # no upper end: infinity is opacity 1
             return
 
         p = wp.transform_point(pose, mean)

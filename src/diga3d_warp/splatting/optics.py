@@ -14,8 +14,8 @@ from diga3d_warp.kernels.launch import launch
 from diga3d_warp.scene.camera import Camera, Distortion
 
 NO_RADIUS_LIMIT = 1e6
-"""Stands for an infinite valid radius [focal lengths]: a ray a fifth of an arc second from the image plane. The
-fifth power of it, which a lens polynomial takes, is still a float32."""
+"""Stands for an infinite valid radius [focal lengths]: a ray a fifth of an arc second from the image plane.
+The fifth power of it, which a lens polynomial takes, is still a float32."""
 
 
 @dataclass(frozen=True, eq=False)
