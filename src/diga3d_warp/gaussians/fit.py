@@ -12,11 +12,11 @@ import torch
 
 from diga3d_warp.files import whole_file
 from diga3d_warp.gaussians.density import DensitySettings, relocate_and_grow, walk
+from diga3d_warp.gaussians.losses import depth_loss, photometric_loss
 from diga3d_warp.gaussians.optimiser import GaussianAdam, LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.splatting.render import Rendering, render
-from diga3d_warp.splatting.ssim import ssim
+from diga3d_warp.splatting.render import render
 
 
 @dataclass(frozen=True)
@@ -61,12 +61,15 @@ class Target:
         weight: Trust in each pixel in [0, 1], shape (H, W); None for 1 everywhere. A pixel of weight 0
             receives no gradient.
         depth: z along the camera axis [scene units], shape (H, W); 0 where it is not known. None: nowhere.
+        relative_depth: `depth` is right up to scale and shift only, as from a monocular estimator; it is
+            aligned to the rendering at every step.
     """
 
     camera: Camera
     image: torch.Tensor
     weight: torch.Tensor | None = None
     depth: torch.Tensor | None = None
+    relative_depth: bool = False
 
     @property
     def color(self) -> torch.Tensor:
@@ -106,34 +109,6 @@ class FitResult:
 
 CURVE_INTERVAL = 25
 """Iterations between two points of the curve, each the mean over them."""
-
-
-def photometric_loss(
-    color: torch.Tensor, wanted: torch.Tensor, weight: torch.Tensor | None, ssim_weight: float
-) -> torch.Tensor:
-    """(1 - w) L1 + w (1 - SSIM) over the trusted pixels (paper Sec. 3.4, L_rgb), a scalar.
-
-    Args:
-        color: Rendered RGB, shape (H, W, 3).
-        wanted: The image to reach, shape (H, W, 3).
-        weight: Trust in each pixel in [0, 1], shape (H, W); None for 1 everywhere.
-        ssim_weight: w in [0, 1]. Paper and 3DGS: 0.2.
-    """
-    if weight is not None:
-        color = torch.lerp(wanted, color, weight[..., None])
-    l1 = (color - wanted).abs().mean()
-    return (1.0 - ssim_weight) * l1 + ssim_weight * (1.0 - ssim(color, wanted))
-
-
-def depth_loss(rendering: Rendering, target: Target) -> torch.Tensor:
-    """Mean relative difference of depth where the target knows it (paper Eq. 7, in units of depth)."""
-    assert target.depth is not None
-    known = target.depth > 0.0
-    if target.weight is not None:
-        known = known & (target.weight > 0.0)
-    if not known.any():
-        return rendering.depth.new_zeros(())
-    return ((rendering.depth[known] - target.depth[known]).abs() / target.depth[known]).mean()
 
 
 def fit(
@@ -213,7 +188,10 @@ class _Fit:
         wanted = target.color
         loss = photometric_loss(rendering.color, wanted, target.weight, s.ssim_weight)
         if with_depth:
-            loss = loss + s.depth_weight * depth_loss(rendering, target)
+            assert target.depth is not None
+            loss = loss + s.depth_weight * depth_loss(
+                rendering.depth, target.depth, target.weight, aligned=target.relative_depth
+            )
         regularised = loss + s.opacity_weight * gaussians.opacities.mean()
         regularised = regularised + s.scale_weight * gaussians.scales.mean() / self.extent
         regularised.backward()
