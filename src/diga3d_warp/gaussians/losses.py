@@ -30,7 +30,7 @@ def photometric_loss(
 def depth_loss(
     depth: torch.Tensor, wanted: torch.Tensor, weight: torch.Tensor | None, *, aligned: bool = False
 ) -> torch.Tensor:
-    """Mean difference of depth relative to the wanted one, where that is known (paper Eq. 7), a scalar.
+    """L1 of depth over the mean wanted depth, where that is known (paper Eq. 7), a scalar.
 
     The gradient reaches `depth`. Zero, without gradient, where nothing is known.
 
@@ -48,8 +48,8 @@ def depth_loss(
     target = wanted[known]
     if aligned:
         scale, shift = align_depth(target, depth.detach()[known])
-        target = (scale * target + shift).clamp_min(torch.finfo(target.dtype).tiny)
-    return ((depth[known] - target).abs() / target).mean()
+        target = scale * target + shift
+    return (depth[known] - target).abs().mean() / target.abs().mean().clamp_min(1e-12)
 
 
 def align_depth(depth: torch.Tensor, reference: torch.Tensor) -> tuple[float, float]:
