@@ -43,7 +43,8 @@ def write_ply(path: Path, gaussians: Gaussians) -> None:
     Raises:
         InputError: the folder cannot be written to.
     """
-    columns = _column_names()
+    columns = _column_names(3 * REST)
+    columns[3:3] = ["nx", "ny", "nz"]
     count = len(gaussians)
     arrays = {name: tensor.detach().cpu().numpy() for name, tensor in gaussians.named()}
     sh = arrays["sh"]
@@ -81,15 +82,17 @@ def read_ply(path: Path) -> PlyContent:
         raise InputError(f"{path}: no such file; give the path of a 3DGS .ply")
     vertices = read_vertices(path)
     names = vertices.dtype.names or ()
-    missing = [name for name in ("x", "f_dc_0", "opacity", "scale_0", "rot_0") if name not in names]
+    rest_count = sum(name.startswith("f_rest_") for name in names)
+    missing = [name for name in _column_names(rest_count) if name not in names]
     if missing:
         hint = " (a compressed .ply: export it uncompressed)" if "packed_position" in names else ""
         raise InputError(f"{path}: holds no gaussians, property {missing[0]} is missing{hint}")
-    rest_count = sum(name.startswith("f_rest_") for name in names)
     if rest_count not in (0, 9, 24, 45):
         raise InputError(
             f"{path}: {rest_count} properties f_rest_* fit no degree; 0, 9, 24 or 45 are expected"
         )
+    if len(vertices) == 0:
+        raise InputError(f"{path}: holds no gaussians, it has 0 rows; export the splat again")
 
     def block(*columns: str) -> np.ndarray:
         return np.stack([vertices[name] for name in columns], axis=1).astype(np.float32)
@@ -123,7 +126,7 @@ def read_ply(path: Path) -> PlyContent:
     return PlyContent(Gaussians(*tensors), notes)
 
 
-def _column_names() -> list[str]:
-    names = ["x", "y", "z", "nx", "ny", "nz"]
-    names += [f"f_dc_{k}" for k in range(3)] + [f"f_rest_{k}" for k in range(3 * REST)]
-    return names + ["opacity"] + [f"scale_{k}" for k in range(3)] + [f"rot_{k}" for k in range(4)]
+def _column_names(rest_count: int) -> list[str]:
+    """Names of the properties that hold parameters, in the standard order."""
+    names = ["x", "y", "z", *(f"f_dc_{k}" for k in range(3)), *(f"f_rest_{k}" for k in range(rest_count))]
+    return [*names, "opacity", *(f"scale_{k}" for k in range(3)), *(f"rot_{k}" for k in range(4))]

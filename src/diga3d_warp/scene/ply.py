@@ -61,6 +61,8 @@ def read_vertices(path: Path) -> np.ndarray:
     name, count, properties = elements[0]
     if name != "vertex" or any(kind not in _TYPES for _, kind in properties):
         raise InputError(f"{path}: the first element must be vertices of plain numbers; export it again")
+    if len({p for p, _ in properties}) < len(properties):
+        raise InputError(f"{path}: the .ply header names a property twice; export it again")
     layout = np.dtype([(p, _BYTE_ORDERS[form] + _TYPES[kind]) for p, kind in properties])
     damaged = InputError(f"{path}: cut short or damaged: cannot read its {count} vertices; export it again")
     if form != "ascii":
