@@ -157,7 +157,7 @@ def test_long_curve_keeps_its_ends():
     assert 200 < len(points) <= 402
     assert points == sorted(points)
     assert points[0][1] > points[-1][1], "y grows upwards"
-    assert "<b>9999</b>" in drawing
+    assert "<b>9,999</b>" in drawing
 
 
 @pytest.mark.parametrize("points", [[(0, 1.0), (10, 1.0)], [(5, 0.0), (5, 0.0)], [(0, 1e-9), (1, 2e-9)]])

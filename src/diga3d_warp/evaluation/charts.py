@@ -68,7 +68,7 @@ def curve(title: str, points: Sequence[tuple[float, float]]) -> str:
     end_x, end_y = place(*drawn[-1])
     parts.append(f'<polyline points="{line}"/><circle cx="{end_x:.1f}" cy="{end_y:.1f}" r="4"/>')
     return (
-        f"<figure><figcaption>{escape(title)} <b>{drawn[-1][1]:.4g}</b> at the end</figcaption>"
+        f"<figure><figcaption>{escape(title)} <b>{_short(drawn[-1][1])}</b> at the end</figcaption>"
         f'<svg class="curve" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">'
         + "".join(parts)
         + "</svg></figure>"
@@ -84,6 +84,10 @@ def nice_ticks(low: float, high: float) -> list[float]:
     step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= raw)
     first, last = math.floor(low / step), math.ceil(high / step)
     return [float(f"{index * step:.9g}") for index in range(first, last + 1)]
+
+
+def _short(value: float) -> str:
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
 
 
 def duration(seconds: float) -> str:

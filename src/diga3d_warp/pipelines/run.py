@@ -18,7 +18,7 @@ from typing import Any
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.record import MANIFEST, add_metrics, read_manifest
-from diga3d_warp.files import cannot_write, read_json, sync, whole_file, write_image, write_json
+from diga3d_warp.files import cannot_write, read_json, sync, whole_file, write_json
 from diga3d_warp.pipelines.machine import describe_machine, package_versions, peak_mib, reset_peak
 
 PROBE = ".manifest.partial.json"
@@ -72,7 +72,7 @@ class Run:
                 _say(f"nothing to resume in {folder}: starting")
             self._manifest = {
                 "command": command,
-                "command_line": shlex.join(sys.argv),
+                "command_line": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
                 "settings": self.settings,
                 "versions": package_versions(),
                 "machine": describe_machine(),
@@ -124,14 +124,6 @@ class Run:
         with whole_file(target) as partial:
             shutil.copyfile(source, partial)
         return target
-
-    def write_json(self, name: str, data: Any) -> None:
-        """Write JSON data to `name` in the run folder."""
-        write_json(self.folder / name, data)
-
-    def write_image(self, name: str, image: Any) -> None:
-        """Write an image or mask (see `files.write_image`) to `name`, a .png in the run folder."""
-        write_image(self.folder / name, image)
 
     def add_metrics(self, subject: str, figures: Any) -> None:
         """Put measured figures into metrics.json under `subject`."""
