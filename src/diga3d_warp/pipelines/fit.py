@@ -42,7 +42,7 @@ def fit_command(
     )  # fmt: skip
     stages.begin(run, capture)
     fitted = stages.fit_source(run, capture, settings, seed)
-    stages.show_views(run, capture, fitted, None)
+    stages.show_views(run, capture, None, fitted)
     stages.finish(run, "fit")
     conclude(run, capture)
     return run

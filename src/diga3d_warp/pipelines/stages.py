@@ -245,18 +245,16 @@ SEEDS_PER_REFERENCE = 12_000
 pixels, and not many more than a fitted image holds."""
 
 
-def show_views(run: Run, scene: Scene, before: Gaussians, after: Gaussians | None) -> None:
-    """Pictures of every view: photographs' cameras, the splat before and after the edit."""
+def show_views(run: Run, scene: Scene, before: Gaussians | None, after: Gaussians) -> None:
+    """Pictures of every view before and after; before a fit, that is the photograph."""
 
     def compute(folder: Path) -> None:
         for view in [*scene.views, *scene.test_views]:
-            for side, gaussians in (("before", before), ("after", after)):
-                if gaussians is not None:
-                    write_image(folder / side / f"{view.name}.png", picture(gaussians, view.camera))
+            first = view.pixels if before is None else picture(before, view.camera)
+            write_image(folder / "before" / f"{view.name}.png", first)
+            write_image(folder / "after" / f"{view.name}.png", picture(after, view.camera))
 
-    folder = run.stage("views", compute)
-    for source in sorted(folder.rglob("*.png")):
-        run.publish(source, f"views/{source.relative_to(folder)}")
+    _publish_pictures(run, run.stage("views", compute), "views")
 
 
 def finish(run: Run, result: str) -> None:
@@ -264,8 +262,12 @@ def finish(run: Run, result: str) -> None:
     run.publish(run.folder / "stages" / result / GAUSSIANS, RESULT)
     if result != "fit":
         run.publish(run.folder / "stages" / "fit" / GAUSSIANS, SOURCE)
-        for mask in sorted((run.folder / "stages" / "clear" / "masks").glob("*.png")):
-            run.publish(mask, f"masks/{mask.name}")
+        _publish_pictures(run, run.folder / "stages" / "clear" / "masks", "masks")
+
+
+def _publish_pictures(run: Run, source: Path, name: str) -> None:
+    for file in sorted(source.rglob("*.png")):
+        run.publish(file, f"{name}/{file.relative_to(source)}")
 
 
 def picture(gaussians: Gaussians, camera: Camera) -> np.ndarray:
