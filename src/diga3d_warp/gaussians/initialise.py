@@ -61,22 +61,37 @@ def from_image(
     Args:
         image: RGB in [0, 1], shape (H, W, 3).
         depth: z along the camera axis [scene units], shape (H, W).
-        where: Pixels to start from, shape (H, W), bool.
+        where: Pixels to start from, shape (H, W), bool; those without a finite depth or a ray are left out.
         camera: At the size of the image.
         coefficients: Spherical harmonics per gaussian.
-        most: Largest number of gaussians; above it, pixels are skipped evenly and gaussians are wider.
+        most: Largest number of gaussians, at least 1; above it, pixels are skipped evenly and gaussians are
+            wider.
     """
     rays = optics_of(camera).rays.reshape(camera.height, camera.width, 2)
-    usable = where & np.isfinite(rays).all(axis=2) & (depth > 0.0)
-    step = max(1, int(np.ceil(np.sqrt(usable.sum() / max(most, 1)))))
-    grid = np.zeros_like(usable)
-    grid[::step, ::step] = usable[::step, ::step]
-    z = depth[grid].astype(np.float64)
-    local = np.concatenate([rays[grid] * z[:, None], z[:, None]], axis=1)
+    usable = where & np.isfinite(rays).all(axis=2) & np.isfinite(depth) & (depth > 0.0)
+    rows, columns, step = _spread(usable, most)
+    z = depth[rows, columns].astype(np.float64)
+    local = np.concatenate([rays[rows, columns] * z[:, None], z[:, None]], axis=1)
     pose = camera.pose
     positions = (local - pose[:3, 3]) @ pose[:3, :3]
     sizes = FILL_WIDTH * step * z / (0.5 * (camera.fx + camera.fy))
-    return _round(positions, np.log(np.maximum(sizes, 1e-12)), image[grid], FILL_OPACITY, coefficients)
+    log_scales = np.log(np.maximum(sizes, 1e-12))
+    return _round(positions, log_scales, image[rows, columns], FILL_OPACITY, coefficients)
+
+
+def _spread(usable: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, int]:
+    """Rows and columns of at most `most` pixels, one in each square cell that holds any, and the cell's side.
+
+    Cells, not every n-th row and column: between those a thin region would go empty.
+    """
+    rows, columns = np.nonzero(usable)
+    step = max(1, int(np.ceil(np.sqrt(len(rows) / most))))
+    while True:
+        cells = (rows // step) * usable.shape[1] + columns // step
+        _, first = np.unique(cells, return_index=True)
+        if len(first) <= most:
+            return rows[first], columns[first], step
+        step += 1
 
 
 def _round(
