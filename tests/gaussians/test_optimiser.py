@@ -1,0 +1,149 @@
+"""Adam over a changing number of gaussians: nobody's moments suffer, and a saved state goes on exactly."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+import torch
+
+from diga3d_warp.gaussians.optimiser import MOMENTS, GaussianAdam, LearningRates
+from scenes import random_gaussians
+
+COUNT = 12
+
+
+def pulled(seed: int = 0) -> GaussianAdam:
+    """An optimiser after three steps."""
+    optimiser = GaussianAdam(random_gaussians(COUNT, seed), LearningRates(), extent=2.0)
+    for k in range(3):
+        pull(optimiser, k)
+    return optimiser
+
+
+def pull(optimiser: GaussianAdam, k: int, held: torch.Tensor | None = None) -> None:
+    """A step on a loss whose gradient differs in every entry and step."""
+    random = torch.Generator().manual_seed(100 + k)
+    loss = sum(
+        (tensor * torch.randn(tensor.shape, generator=random)).sum()
+        for _, tensor in optimiser.gaussians().named()
+    )
+    loss.backward()
+    optimiser.step(k / 10, held)
+
+
+def moments(optimiser: GaussianAdam) -> dict[tuple[str, str], torch.Tensor]:
+    return {
+        (name, moment): optimiser.adam.state[tensor][moment].clone()
+        for name, tensor in optimiser.tensors.items()
+        for moment in MOMENTS
+    }
+
+
+def values(optimiser: GaussianAdam) -> dict[str, torch.Tensor]:
+    return {name: tensor.detach().clone() for name, tensor in optimiser.tensors.items()}
+
+
+def same(a: dict, b: dict) -> None:
+    assert a.keys() == b.keys()
+    for key in a:
+        torch.testing.assert_close(a[key], b[key], rtol=0, atol=0, msg=str(key))
+
+
+def test_overwritten_rows_start_anew_and_the_others_keep_their_moments():
+    optimiser, fresh, rows = pulled(), random_gaussians(2, seed=9), torch.tensor([1, 7])
+    others = [k for k in range(COUNT) if k not in rows]
+    before, values_before = moments(optimiser), values(optimiser)
+    optimiser.overwrite(rows, fresh)
+    torch.testing.assert_close(optimiser.gaussians().means[rows], fresh.means, rtol=0, atol=0)
+    torch.testing.assert_close(optimiser.gaussians().sh[rows], fresh.sh, rtol=0, atol=0)
+    for key, moment in moments(optimiser).items():
+        assert not moment[rows].any()
+        assert before[key][others].any()
+        torch.testing.assert_close(moment[others], before[key][others], rtol=0, atol=0)
+    for name, tensor in values(optimiser).items():
+        torch.testing.assert_close(tensor[others], values_before[name][others], rtol=0, atol=0)
+
+
+def test_appended_rows_start_anew_and_the_others_keep_their_moments():
+    optimiser, added = pulled(), random_gaussians(3, seed=9)
+    before, values_before = moments(optimiser), values(optimiser)
+    optimiser.append(added)
+    assert len(optimiser.gaussians()) == COUNT + 3
+    torch.testing.assert_close(optimiser.gaussians().quaternions[COUNT:], added.quaternions, rtol=0, atol=0)
+    same({key: moment[:COUNT] for key, moment in moments(optimiser).items()}, before)
+    assert not any(moment[COUNT:].any() for moment in moments(optimiser).values())
+    pull(optimiser, 3)
+    moved = {name: tensor[:COUNT] for name, tensor in values(optimiser).items()}
+    assert all((moved[name] != values_before[name]).any() for name in moved)
+    assert (optimiser.gaussians().means[COUNT:] != added.means).all(), "added rows learn"
+
+
+def test_rows_may_change_before_the_first_step():
+    optimiser = GaussianAdam(random_gaussians(COUNT), LearningRates(), extent=1.0)
+    optimiser.overwrite(torch.tensor([0]), random_gaussians(1, seed=4))
+    optimiser.append(random_gaussians(2, seed=5))
+    pull(optimiser, 0)
+    assert torch.isfinite(optimiser.gaussians().means).all()
+
+
+@pytest.mark.parametrize("into", [COUNT, 3])
+def test_a_saved_state_goes_on_to_the_same_bytes(into):
+    whole = pulled()
+    whole.append(random_gaussians(2, seed=9))
+    stored = io.BytesIO()
+    torch.save(whole.state_dict(), stored)
+    stored.seek(0)
+    resumed = GaussianAdam(random_gaussians(into, seed=5), LearningRates(), extent=2.0)
+    resumed.load_state_dict(torch.load(stored, weights_only=True))
+    for optimiser in (whole, resumed):
+        for k in range(3, 6):
+            pull(optimiser, k)
+        optimiser.append(random_gaussians(1, seed=11))
+        pull(optimiser, 6)
+    same(values(resumed), values(whole))
+    same(moments(resumed), moments(whole))
+    assert resumed.means_rate == whole.means_rate
+
+
+def test_held_rows_keep_their_bits():
+    start = random_gaussians(COUNT)
+    optimiser = GaussianAdam(start, LearningRates(), extent=1.0)
+    held = torch.arange(COUNT) < 5
+    for k in range(4):
+        pull(optimiser, k, held)
+    for (name, tensor), (_, first) in zip(optimiser.gaussians().named(), start.named(), strict=True):
+        torch.testing.assert_close(tensor[held], first[held], rtol=0, atol=0, msg=name)
+        assert (tensor[~held] != first[~held]).all(), name
+
+
+def test_rates_are_those_of_3dgs_in_units_of_the_extent():
+    start = random_gaussians(COUNT)
+    optimiser = GaussianAdam(start, LearningRates(), extent=3.0)
+    sum(tensor.sum() for tensor in optimiser.tensors.values()).backward()
+    optimiser.step(0.0)
+    moved = {name: (tensor.detach() - _named(start, name)).abs().max() for name, tensor in
+             optimiser.tensors.items()}  # fmt: skip
+    expected = {
+        "means": 3 * 1.6e-4, "log_scales": 5e-3, "quaternions": 1e-3, "opacity_logits": 5e-2,
+        "sh_dc": 2.5e-3, "sh_rest": 1.25e-4,
+    }  # fmt: skip
+    for name, rate in expected.items():
+        assert moved[name].item() == pytest.approx(rate, rel=2e-2), name
+    optimiser.step(1.0)
+    assert optimiser.means_rate == pytest.approx(3 * 1.6e-6)
+
+
+def _named(gaussians, name: str) -> torch.Tensor:
+    if name.startswith("sh_"):
+        return gaussians.sh[:, :1] if name == "sh_dc" else gaussians.sh[:, 1:]
+    return getattr(gaussians, name)
+
+
+def test_the_start_is_copied():
+    start = random_gaussians(COUNT)
+    before = start.detached()
+    optimiser = GaussianAdam(start, LearningRates(), extent=1.0)
+    pull(optimiser, 0)
+    for (_, now), (_, then) in zip(start.named(), before.named(), strict=True):
+        assert torch.equal(now, then) and not now.requires_grad
