@@ -33,8 +33,9 @@ class Splatting:
         coordinate_max: Coordinates of means and quaternions that are not below this are broken input
             [scene units]; their squares still fit into float32. NaN and infinity fail the same comparison.
         log_scale_max: Logarithms of scales beyond this, up or down, are broken input: e^40 = 2e17.
-        logit_min: Opacity logits that are not above this, NaN among them, are culled before any arithmetic: the adjoint of
-            e^-x would multiply zero by infinity. The opacity there, e^-80, is far below `alpha_min`.
+        logit_min: Opacity logits that are not above this, NaN among them, are culled before any arithmetic:
+            the adjoint of e^-x would multiply zero by infinity. The opacity there, e^-80, is far below
+            `alpha_min`.
         color_max: A gaussian whose harmonics' absolute values sum up to more is black. Trained ones stay
             below 100; rounding of 1e4 is 1e-3 in the gradient of what lies behind. brush clamps, too.
     """

@@ -436,11 +436,11 @@ def gather_gradients(
     for emission in range(first[k], first[k + 1]):
         row = row + gradients[slots[emission]]
     i = order[k]
-    adj_centers[i] = wp.vec2(row[0], row[1])
-    adj_conics[i] = wp.vec3(row[2], row[3], row[4])
-    adj_opacities[i] = row[5]
-    adj_colors[i] = wp.vec3(row[6], row[7], row[8])
-    adj_depths[i] = row[9]
+    adj_centers[i] = adj_centers[i] + wp.vec2(row[0], row[1])
+    adj_conics[i] = adj_conics[i] + wp.vec3(row[2], row[3], row[4])
+    adj_opacities[i] = adj_opacities[i] + row[5]
+    adj_colors[i] = adj_colors[i] + wp.vec3(row[6], row[7], row[8])
+    adj_depths[i] = adj_depths[i] + row[9]
 
 
 def composite(bins: Bins, width: int, height: int, splats: list, outputs: list, *, with_depth: bool) -> None:
@@ -470,13 +470,12 @@ def composite_adjoint(
     bins: Bins, width: int, height: int, splats: list, outputs: list, adj_outputs: list, adj_splats: list,
     *, with_depth: bool,
 ) -> None:  # fmt: skip
-    """Gradients of the splats, given those of the outputs of `composite`.
+    """Add the gradients of the splats, given those of the outputs of `composite`.
 
     Args:
         bins, width, height, splats, outputs: As in `composite`, after it ran.
         adj_outputs: Gradients of image, depth_sum and transmittance.
-        adj_splats: To be overwritten where a gaussian was drawn, and must hold zeros: gradients of centers,
-            conics, opacities, colors, depths.
+        adj_splats: Gradients of centers, conics, opacities, colors and depths, added to.
     """
     device = bins.starts.device
     lanes = lanes_of(device)

@@ -1,0 +1,237 @@
+"""The renderer on a `wp.Tape`: the same operations for Warp programs that do without torch.
+
+Each function runs forward at once and puts its adjoint on the tape, among whatever kernels the caller
+records there himself:
+
+    with wp.Tape() as tape:
+        splats = project(tape, lens, means, log_scales, quaternions, opacity_logits, poses, intrinsics)
+        colors = shade(tape, 3, means, sh, eyes, splats.extents)
+        image, depth_sum, transmittance = composite(tape, splats, colors, width, height)
+        wp.launch(my_loss, ...)
+    tape.backward(loss)
+
+Invariants
+- Adjoints add to `.grad` of the inputs that have one; the others cost their gradient but keep none.
+- Adjoints use up `.grad` of their outputs, as recorded kernels do: a second backward pass starts afresh.
+- Launches inside are spread over threads and never recorded themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import warp as wp
+
+from diga3d_warp.kernels import compositing, harmonics, projection, reprojection
+from diga3d_warp.kernels import ssim as similarity
+from diga3d_warp.kernels.binning import bin_gaussians
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Lens and field of view of a camera, as the projection kernel takes them.
+
+    Attributes:
+        kind: "none", "brown" or "fisheye".
+        coefficients: Lens coefficients, zeros for a pinhole.
+        lower, upper: Undistorted (x/z, y/z) beyond which the EWA Jacobian is not followed.
+        radius_max: Undistorted radius below which the lens is one to one [focal lengths]; at most 1e6.
+    """
+
+    kind: str
+    coefficients: wp.vec4
+    lower: wp.vec2
+    upper: wp.vec2
+    radius_max: float
+
+
+class Splats(NamedTuple):
+    """Gaussians in the image plane, zeros where culled; see `splatting.project.Projection`."""
+
+    centers: wp.array
+    depths: wp.array
+    conics: wp.array
+    extents: wp.array
+    opacities: wp.array
+
+
+def project(
+    tape: wp.Tape, lens: Lens, means: wp.array, log_scales: wp.array, quaternions: wp.array,
+    opacity_logits: wp.array, poses: wp.array, intrinsics: wp.array,
+) -> Splats:  # fmt: skip
+    """Project N gaussians into a camera.
+
+    Args:
+        tape: Records the adjoint.
+        lens: Of the camera.
+        means, log_scales: shape (N,), vec3.
+        quaternions: (w, x, y, z), shape (N,), vec4.
+        opacity_logits: shape (N,), float.
+        poses: World to camera, one equal row for each `POSE_GROUP` gaussians, shape (G,), mat44. The gradient
+            of the pose is the sum of the rows'.
+        intrinsics: (fx, fy, cx, cy) [px], rows likewise, shape (G,), vec4.
+    """
+    device, count = means.device, means.size
+    arrays = [means, log_scales, quaternions, opacity_logits, poses, intrinsics]
+    optics = [lens.coefficients, lens.lower, lens.upper, lens.radius_max]
+    splats = Splats(
+        *(
+            wp.zeros(count, dtype=dtype, device=device, requires_grad=True)
+            for dtype in (wp.vec2, float, wp.vec3, wp.vec2, float)
+        )
+    )
+    projection.project(lens.kind, count, [*arrays, *optics], list(splats), device=device)
+
+    def adjoint() -> None:
+        projection.project_adjoint(
+            lens.kind, count, [*arrays, *optics], list(splats),
+            [*(array.grad for array in arrays), wp.vec4(), wp.vec2(), wp.vec2(), 0.0],
+            [array.grad for array in splats], device=device,
+        )  # fmt: skip
+
+    _record(tape, adjoint, [*arrays, *splats])
+    return splats
+
+
+def shade(
+    tape: wp.Tape, degree: int, means: wp.array, sh: wp.array, eyes: wp.array, extents: wp.array
+) -> wp.array:
+    """Colours of N gaussians, shape (N,), vec3.
+
+    Args:
+        tape: Records the adjoint.
+        degree: Highest degree of harmonics to evaluate, 0 to 3.
+        means: shape (N,), vec3.
+        sh: Coefficients, shape (N, K), vec3.
+        eyes: Camera centre, one equal row for each `POSE_GROUP` gaussians, shape (G,), vec3.
+        extents: From `project`.
+    """
+    device, count = means.device, means.size
+    arrays = [means, sh, eyes, extents]
+    colors = wp.zeros(count, dtype=wp.vec3, device=device, requires_grad=True)
+    harmonics.shade(degree, count, arrays, [colors], device=device)
+
+    def adjoint() -> None:
+        harmonics.shade_adjoint(
+            degree,
+            count,
+            arrays,
+            [colors],
+            [means.grad, sh.grad, eyes.grad, None],
+            [colors.grad],
+            device=device,
+        )
+
+    _record(tape, adjoint, [means, sh, eyes, colors])
+    return colors
+
+
+def composite(
+    tape: wp.Tape, splats: Splats, colors: wp.array, width: int, height: int, *, with_depth: bool = True
+) -> tuple[wp.array, wp.array, wp.array]:
+    """Blend splats into an image.
+
+    Args:
+        tape: Records the adjoint.
+        splats: From `project`.
+        colors: shape (N,), vec3.
+        width, height: Image size [px].
+        with_depth: Blend depths too; without, they stay zero.
+
+    Returns:
+        Colour (H * W,) vec3, sum of depths by weight (H * W,), and transmittance (H * W,).
+    """
+    device = colors.device
+    bins = bin_gaussians(splats.centers, splats.depths, splats.extents, width, height)
+    arrays = [splats.centers, splats.extents, splats.conics, splats.opacities, colors, splats.depths]
+    outputs = [
+        wp.zeros(width * height, dtype=dtype, device=device, requires_grad=True)
+        for dtype in (wp.vec3, float, float)
+    ]
+    compositing.composite(bins, width, height, arrays, outputs, with_depth=with_depth)
+    moved = [splats.centers, splats.conics, splats.opacities, colors, splats.depths]
+
+    def adjoint() -> None:
+        compositing.composite_adjoint(
+            bins, width, height, arrays, outputs, [array.grad for array in outputs],
+            [_gradient(array) for array in moved], with_depth=with_depth,
+        )  # fmt: skip
+        _use_up(outputs)
+
+    _record(tape, adjoint, [*moved, *outputs])
+    return outputs[0], outputs[1], outputs[2]
+
+
+def reproject(
+    tape: wp.Tape, image: wp.array, depth: wp.array, motion: reprojection.Motion
+) -> tuple[wp.array, wp.array, wp.array]:
+    """Carry an image along its depth into another camera.
+
+    Args:
+        tape: Records the adjoint.
+        image: RGB of the source, shape (H * W,), 3-vectors of float32 or float64.
+        depth: Depth of the source [scene units], shape (H * W,), the same scalar type.
+        motion: From source to target.
+
+    Returns:
+        Image, depth and visibility (bool) in the target, shape (h * w,).
+    """
+    pixels = motion.target_width * motion.target_height
+    warped = wp.zeros(pixels, dtype=image.dtype, device=image.device, requires_grad=True)
+    far = wp.zeros(pixels, dtype=depth.dtype, device=image.device, requires_grad=True)
+    visible = wp.zeros(pixels, dtype=wp.bool, device=image.device)
+    outputs = [warped, far, visible]
+    positions, front = reprojection.reproject(image, depth, motion, outputs)
+
+    def adjoint() -> None:
+        reprojection.reproject_adjoint(
+            image, depth, motion, outputs, positions, front, [warped.grad, far.grad],
+            _gradient(image), _gradient(depth),
+        )  # fmt: skip
+
+    _record(tape, adjoint, [image, depth, warped, far])
+    return warped, far, visible
+
+
+def ssim(tape: wp.Tape, image: wp.array, target: wp.array, width: int, height: int) -> wp.array:
+    """Structural similarity of each pixel and channel, shape (H * W,), vec3.
+
+    Args:
+        tape: Records the adjoint, which reaches `image` alone.
+        image, target: RGB in [0, 1], shape (H * W,), vec3, contiguous.
+        width, height: Image size [px].
+    """
+    result = wp.empty(image.size, dtype=wp.vec3, device=image.device, requires_grad=True)
+    derivatives = [wp.empty(3 * image.size, dtype=float, device=image.device) for _ in range(3)]
+    similarity.similarity([_flat(image), _flat(target)], width, height, [_flat(result), *derivatives])
+
+    def adjoint() -> None:
+        gradient = _gradient(image)
+        similarity.similarity_adjoint(
+            [_flat(image), _flat(target)], width, height, derivatives, _flat(result.grad), _flat(gradient)
+        )
+        _use_up([result])
+
+    _record(tape, adjoint, [image, target, result])
+    return result
+
+
+def _record(tape: wp.Tape, adjoint: Callable[[], None], arrays: Sequence[wp.array]) -> None:
+    tape.record_func(adjoint, [array for array in arrays if array.requires_grad])
+
+
+def _gradient(array: wp.array) -> wp.array:
+    """Where to add a gradient; a scratch array for an input that keeps none."""
+    return array.grad if array.requires_grad else wp.zeros_like(array)
+
+
+def _use_up(outputs: Sequence[wp.array]) -> None:
+    for array in outputs:
+        array.grad.zero_()
+
+
+def _flat(image: wp.array) -> wp.array:
+    """The floats of a contiguous array of 3-vectors, not copied: use them while `image` lives."""
+    return wp.array(ptr=image.ptr, shape=3 * image.size, dtype=float, device=image.device)
