@@ -31,10 +31,10 @@ C3 = (
 @wp.func
 def magnitude(sh: wp.array2d(dtype=wp.vec3), i: int, terms: int) -> float:
     """Bound of the colour of gaussian `i`: no harmonic up to degree 3 exceeds 1.5."""
-    total = float(0.0)
+    total = wp.vec3(0.0, 0.0, 0.0)
     for k in range(terms):
-        total += wp.abs(sh[i, k][0]) + wp.abs(sh[i, k][1]) + wp.abs(sh[i, k][2])
-    return total
+        total += wp.abs(sh[i, k])
+    return total[0] + total[1] + total[2]
 
 
 @wp.func_grad(magnitude)
