@@ -1,0 +1,87 @@
+"""What docs/architecture.md promises of the whole package, read from its source."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import diga3d_warp
+
+PACKAGE = Path(diga3d_warp.__file__).parent
+PROJECT = Path(__file__).parents[1]
+
+RANKS = (
+    {"errors", "config", "process"},
+    {"files"},
+    {"kernels"},
+    {"scene"},
+    {"splatting"},
+    {"gaussians", "priors"},
+    {"propagation", "evaluation"},
+    {"pipelines"},
+    {"doctor"},
+    {"cli"},
+)
+"""Rooms from the ground up: a room imports itself and rooms of lower ranks."""
+
+RANK = {room: rank for rank, rooms in enumerate(RANKS) for room in rooms}
+
+MODULES = sorted(path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py"))
+
+
+def room_of(module: str) -> str:
+    return module.split("/")[0].removesuffix(".py")
+
+
+def imported(tree: ast.AST) -> Iterator[str]:
+    """Modules that a file imports when it runs; what only the type checker reads does not count."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.If) and getattr(node.test, "id", None) == "TYPE_CHECKING":
+            continue
+        if isinstance(node, ast.Import):
+            yield from (name.name for name in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports name the whole path"
+            yield from (f"{node.module}.{name.name}" for name in node.names)
+        else:
+            yield from imported(node)
+
+
+def imports_of(module: str) -> list[str]:
+    return list(imported(ast.parse((PACKAGE / module).read_text(encoding="utf-8"))))
+
+
+@pytest.mark.parametrize("module", [module for module in MODULES if module != "__init__.py"])
+def test_imports_run_one_way(module):
+    """No room imports one above it or beside it."""
+    room = room_of(module)
+    for name in imports_of(module):
+        if name.startswith("diga3d_warp."):
+            other = name.split(".")[1]
+            assert other == room or RANK[other] < RANK[room], f"{module} imports {name}"
+
+
+def test_every_room_has_a_rank():
+    assert {room_of(module) for module in MODULES} - {"__init__"} == set(RANK)
+
+
+@pytest.mark.parametrize("module", [module for module in MODULES if room_of(module) == "kernels"])
+def test_kernels_do_without_torch(module):
+    assert "torch" not in {name.split(".")[0] for name in imports_of(module)}
+
+
+def test_a_public_name_is_exported_once():
+    """Rooms export nothing: a name has its home module, and some the public face."""
+    assert len(set(diga3d_warp.__all__)) == len(diga3d_warp.__all__)
+    for module in MODULES:
+        if module.endswith("/__init__.py"):
+            assert not imports_of(module), f"{module} hands names on"
+
+
+def test_nothing_points_outside_the_project():
+    """The real captures lie beside the project here; no user has them there."""
+    written = [*PACKAGE.rglob("*.py"), *(PROJECT / "benchmarks").rglob("*.py"), *PROJECT.glob("*.md")]
+    written += [*(PROJECT / "docs").rglob("*.md"), PROJECT / "Makefile", PROJECT / "pyproject.toml"]
+    outside = "../" + "shared"
+    assert not [str(path) for path in written if outside in path.read_text(encoding="utf-8")]
