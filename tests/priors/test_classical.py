@@ -1,5 +1,7 @@
 """The classical prior on textures whose truth is known, and at the edges of its input."""
 
+from ctypes import CDLL, c_int, c_size_t, c_void_p
+
 import numpy as np
 import pytest
 import torch
@@ -15,7 +17,7 @@ FILLS = {
 }
 
 
-def tiles(height=72, width=96) -> torch.Tensor:
+def tiles(height=130, width=140) -> torch.Tensor:
     """Two-coloured tiles with dark joints: a pattern that continues exactly."""
     rows, columns = np.mgrid[:height, :width]
     odd = ((rows // 12 + columns // 12) % 2)[..., None]
@@ -36,7 +38,7 @@ def error_db(filled, truth, mask) -> float:
 
 
 def test_it_continues_a_pattern_where_the_baselines_cannot():
-    truth = tiles()
+    truth = tiles() + 0.02 * torch.rand(130, 140, 3, generator=torch.Generator().manual_seed(0))
     mask = hole(truth, slice(25, 49), slice(35, 61))
     spoilt = truth.clone()
     spoilt[mask] = torch.tensor([1.0, 0.0, 0.0])
@@ -48,8 +50,8 @@ def test_it_continues_a_pattern_where_the_baselines_cannot():
 @pytest.mark.parametrize("name", FILLS)
 def test_unmasked_pixels_are_returned_exactly_and_masked_ones_are_not_looked_at(name):
     generator = torch.Generator().manual_seed(0)
-    image = (tiles() + 0.05 * torch.rand(72, 96, 3, generator=generator)).clamp(0, 1)
-    mask = hole(image, slice(20, 40), slice(70, 96))
+    image = (tiles() + 0.05 * torch.rand(130, 140, 3, generator=generator)).clamp(0, 1)
+    mask = hole(image, slice(20, 36), slice(124, 140))
     filled = FILLS[name](image, mask)
     assert torch.equal(filled[~mask], image[~mask])
     assert filled.dtype == torch.float32
@@ -62,27 +64,47 @@ def test_unmasked_pixels_are_returned_exactly_and_masked_ones_are_not_looked_at(
 
 def test_the_same_seed_gives_the_same_bytes():
     image = tiles()
-    mask = hole(image, slice(10, 30), slice(10, 40)) | hole(image, slice(55, 65), slice(70, 90))
+    mask = hole(image, slice(30, 42), slice(20, 32)) | hole(image, slice(90, 98), slice(110, 120))
     prior = ClassicalPrior()
     assert torch.equal(prior.fill(image, mask, seed=3), prior.fill(image, mask, seed=3))
+
+
+def test_what_lay_in_freed_memory_does_not_matter():
+    """OpenCV may read past a table of 480 bytes; the fill must not depend on what lies there."""
+    libc = CDLL(None)
+    if not hasattr(libc, "gnu_get_libc_version"):
+        pytest.skip("the block is found by the way glibc allocates")
+    libc.malloc.restype, libc.free.argtypes = c_void_p, [c_void_p]
+    libc.memset.argtypes = [c_void_p, c_int, c_size_t]
+    image = tiles(56, 58) + 0.02 * torch.rand(56, 58, 3, generator=torch.Generator().manual_seed(0))
+    mask = hole(image, slice(20, 32), slice(20, 34))
+    fills = []
+    for value in (0x00, 0x11):
+        blocks = [libc.malloc(488) for _ in range(200)]
+        for block in blocks:
+            libc.memset(block, value, 488)
+        for block in blocks:
+            libc.free(block)
+        fills.append(ClassicalPrior().fill(image, mask))
+    assert torch.equal(*fills)
 
 
 @pytest.mark.parametrize("name", FILLS)
 def test_an_empty_mask_changes_nothing(name):
     image = tiles()
-    assert torch.equal(FILLS[name](image, torch.zeros(72, 96, dtype=torch.bool)), image)
+    assert torch.equal(FILLS[name](image, torch.zeros(130, 140, dtype=torch.bool)), image)
 
 
 @pytest.mark.parametrize("name", FILLS)
 def test_a_mask_over_everything_is_refused(name):
     with pytest.raises(InputError, match="whole image"):
-        FILLS[name](tiles(), torch.ones(72, 96, dtype=torch.bool))
+        FILLS[name](tiles(), torch.ones(130, 140, dtype=torch.bool))
     with pytest.raises(InputError, match="do not fit"):
-        FILLS[name](tiles(), torch.zeros(71, 96, dtype=torch.bool))
+        FILLS[name](tiles(), torch.zeros(129, 140, dtype=torch.bool))
 
 
 @pytest.mark.parametrize(
-    "known", [(slice(0, 72), slice(0, 3)), (slice(0, 1), slice(0, 1)), (slice(0, 40), slice(0, 20))]
+    "known", [(slice(0, 130), slice(0, 3)), (slice(0, 1), slice(0, 1)), (slice(0, 40), slice(0, 20))]
 )
 def test_little_surroundings_still_give_a_whole_image(known):
     image = tiles()
@@ -92,8 +114,9 @@ def test_little_surroundings_still_give_a_whole_image(known):
     assert filled[mask].mean() > 0.1
 
 
-@pytest.mark.parametrize("size", [(8, 8), (20, 300), (25, 25)])
+@pytest.mark.parametrize("size", [(8, 8), (20, 300), (56, 58)])
 def test_small_images(size):
+    """Too small for OpenCV as they are: see `ClassicalSettings.side_min`."""
     image = tiles(*size)
     mask = hole(image, slice(3, 6), slice(3, 6))
     filled = ClassicalPrior().fill(image, mask)
