@@ -63,6 +63,39 @@ UNCOVERED = wp.constant(wp.int64(0x7FFFFFFFFFFFFFFF))
 
 
 @cache
+def placement(lens_kind: str) -> Any:
+    """Function (depth, ray, then `Motion.arguments` without the rays) -> (column, row, depth) or NaN."""
+    distort = lens_model(lens_kind, wp.float64).distort
+
+    @wp.func
+    def place(
+        z: wp.float64,
+        ray: wp.vec2d,
+        rotation: wp.mat33d,
+        translation: wp.vec3d,
+        intrinsics: wp.vec4d,
+        coefficients: wp.vec4d,
+        radius_max: wp.float64,
+    ):
+        nowhere = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
+        if not (z >= wp.float64(wp.static(_L.depth_min)) and z <= wp.float64(wp.static(_L.depth_max))):
+            return nowhere
+        if not (wp.isfinite(ray[0]) and wp.isfinite(ray[1])):
+            return nowhere
+        p = rotation * wp.vec3d(ray[0] * z, ray[1] * z, z) + translation
+        if not (p[2] >= wp.float64(wp.static(_L.approach)) * z):
+            return nowhere
+        x = p[0] / p[2]
+        y = p[1] / p[2]
+        if not (x * x + y * y < radius_max * radius_max):
+            return nowhere
+        d = distort(x, y, coefficients)
+        return wp.vec3d(intrinsics[0] * d[0] + intrinsics[2], intrinsics[1] * d[1] + intrinsics[3], p[2])
+
+    return place
+
+
+@cache
 def position_kernel(lens_kind: str, scalar: Any = wp.float32) -> wp.Kernel:
     """Kernel over source pixels: where each lies in the target camera, as (column, row, depth) or NaN.
 
@@ -70,7 +103,7 @@ def position_kernel(lens_kind: str, scalar: Any = wp.float32) -> wp.Kernel:
         lens_kind: Lens of the target.
         scalar: Type of the depth.
     """
-    distort = lens_model(lens_kind, wp.float64).distort
+    place = placement(lens_kind)
 
     @wp.kernel(module="unique", module_options=DIFFERENTIABLE)
     def position(
@@ -86,23 +119,8 @@ def position_kernel(lens_kind: str, scalar: Any = wp.float32) -> wp.Kernel:
         positions: wp.array(dtype=wp.vec3d),
     ):
         i = wp.tid() + offset
-        positions[i] = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
-        z = wp.float64(depth[i])
-        ray = rays[i]
-        if not (z >= wp.float64(wp.static(_L.depth_min)) and z <= wp.float64(wp.static(_L.depth_max))):
-            return
-        if not (wp.isfinite(ray[0]) and wp.isfinite(ray[1])):
-            return
-        p = rotation * wp.vec3d(ray[0] * z, ray[1] * z, z) + translation
-        if not (p[2] >= wp.float64(wp.static(_L.approach)) * z):
-            return
-        x = p[0] / p[2]
-        y = p[1] / p[2]
-        if not (x * x + y * y < radius_max * radius_max):
-            return
-        d = distort(x, y, coefficients)
-        positions[i] = wp.vec3d(
-            intrinsics[0] * d[0] + intrinsics[2], intrinsics[1] * d[1] + intrinsics[3], p[2]
+        positions[i] = place(
+            wp.float64(depth[i]), rays[i], rotation, translation, intrinsics, coefficients, radius_max
         )
 
     return position
@@ -320,23 +338,6 @@ class Motion:
         ]  # fmt: skip
 
 
-def locate(depth: wp.array, motion: Motion, positions: wp.array) -> None:
-    """Where source pixels lie in the target: (column, row, depth), or NaN where they lie nowhere.
-
-    Args:
-        depth: Depth of the source pixels [scene units], shape [P].
-        motion: From source to target; its rays are those of the same P pixels.
-        positions: Output, shape [P], 3-vectors of float64.
-    """
-    launch(
-        position_kernel(motion.lens_kind, depth.dtype),
-        depth.size,
-        [depth, *motion.arguments],
-        [positions],
-        device=depth.device,
-    )
-
-
 def reproject(
     image: wp.array, depth: wp.array, motion: Motion, outputs: list[wp.array]
 ) -> tuple[wp.array, wp.array]:
@@ -359,7 +360,13 @@ def reproject(
     positions = wp.empty(depth.size, dtype=wp.vec3d, device=device)
     behind = wp.empty(depth.size, dtype=wp.uint8, device=device)
     front = wp.full(pixels, UNCOVERED, dtype=wp.int64, device=device)
-    locate(depth, motion, positions)
+    launch(
+        position_kernel(motion.lens_kind, depth.dtype),
+        depth.size,
+        [depth, *motion.arguments],
+        [positions],
+        device=device,
+    )
     launch(steps_kernel(depth.dtype), depth.size, [depth, motion.width], [behind], device=device)
     triangles = 2 * max(motion.width - 1, 0) * max(motion.height - 1, 0)
     mesh = [positions, behind, motion.width, motion.target_width]

@@ -10,16 +10,18 @@ of surfaces, whose fronts the others see.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+import warp as wp
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import to_bytes
+from diga3d_warp.kernels.observation import look_up
+from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.scene import View
-from diga3d_warp.splatting.optics import optics_of
-from diga3d_warp.splatting.reproject import locate
+from diga3d_warp.splatting.reproject import motion_between
 
 
 @dataclass(frozen=True)
@@ -100,16 +102,13 @@ def observe_behind(
         np.where((alpha >= settings.alpha_min) & np.isfinite(depth), depth, np.nan).astype(np.float32)
         for depth, alpha in zip(depths, alphas, strict=True)
     ]
-    outside = [_clear_of(_mask(view)) for view in views]
+    witnesses = [_witness(view, surface) for view, surface in zip(views, surfaces, strict=True)]
     centers = np.stack([view.camera.center for view in views])
     backgrounds = []
     for i, view in enumerate(views):
         nearest = np.argsort(np.linalg.norm(centers - centers[i], axis=1), kind="stable")
-        others = [int(j) for j in nearest if j != i][: settings.views_max]
-        colors, seen = _observe(
-            view, surfaces[i], [(views[j], surfaces[j], outside[j]) for j in others], settings
-        )
-        backgrounds.append(_assemble(view, colors, seen, settings))
+        others = [witnesses[j] for j in nearest if j != i][: settings.views_max]
+        backgrounds.append(_assemble(view, *_observe(view, surfaces[i], others, settings), settings))
     return backgrounds
 
 
@@ -125,81 +124,48 @@ def _clear_of(mask: np.ndarray) -> np.ndarray:
     return cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0
 
 
+@dataclass(frozen=True, eq=False)
+class _Witness:
+    """A view that others ask: its camera, and as Warp arrays its depth, usable pixels and photograph."""
+
+    camera: Camera
+    surface: wp.array
+    clear: wp.array
+    image: wp.array
+
+
+def _witness(view: View, surface: np.ndarray) -> _Witness:
+    return _Witness(
+        view.camera,
+        wp.array(surface, dtype=wp.float32, device="cpu", copy=False),
+        wp.array(_clear_of(_mask(view)), dtype=wp.bool, device="cpu", copy=False),
+        wp.array(np.ascontiguousarray(view.pixels), dtype=wp.vec3ub, device="cpu", copy=False),
+    )
+
+
 def _observe(
-    view: View,
-    surface: np.ndarray,
-    others: Sequence[tuple[View, np.ndarray, np.ndarray]],
-    settings: UnseenSettings,
+    view: View, surface: np.ndarray, others: Sequence[_Witness], settings: UnseenSettings
 ) -> tuple[np.ndarray, np.ndarray]:
     """Median colour of the masked pixels, shape (P, 3), and which of them enough views saw, shape (P,)."""
-    pixels = np.flatnonzero(_mask(view) & np.isfinite(surface))
-    depth = surface.ravel()[pixels]
-    samples = np.full((settings.blended, len(pixels), 3), np.inf, np.float32)
-    count = np.zeros(len(pixels), np.int64)
-    for other, other_surface, outside in others:
-        active = np.flatnonzero(count < settings.blended)
-        if not active.size:
-            break
-        found, colors = _look_up(view, pixels[active], depth[active], other, other_surface, outside, settings)
-        taken = active[found]
-        samples[count[taken], taken] = colors
-        count[taken] += 1
-    inside = np.flatnonzero(_mask(view))
-    colors = np.zeros((len(inside), 3), np.float32)
-    seen = np.zeros(len(inside), bool)
-    enough = count >= max(min(settings.observers, len(others)), 1)
-    position = np.searchsorted(inside, pixels[enough])
-    ordered = np.sort(samples[:, enough], axis=0)
-    middle, some = (count[enough] - 1) // 2, np.arange(int(enough.sum()))
-    upper = count[enough] // 2
-    colors[position] = 0.5 * (ordered[middle, some] + ordered[upper, some])
-    seen[position] = True
+    mask = _mask(view)
+    depth: wp.array = wp.array(surface[mask], dtype=wp.float32, device="cpu")
+    count = wp.zeros(depth.size, dtype=int, device="cpu")
+    samples = wp.full((settings.blended, depth.size), wp.vec3(np.inf), dtype=wp.vec3, device="cpu")
+    rays: wp.array | None = None
+    for other in others:
+        motion = motion_between(view.camera, other.camera, torch.device("cpu"))
+        if rays is None:
+            rays = wp.array(motion.rays.numpy()[mask.ravel()], dtype=wp.vec2d, device="cpu")
+        look_up(
+            depth, replace(motion, rays=rays), other.surface, other.clear, other.image,
+            settings.depth_tolerance, float(np.cos(np.radians(settings.angle_max))), count, samples,
+        )  # fmt: skip
+    found = count.numpy()
+    seen = found >= max(min(settings.observers, len(others)), 1)
+    ordered, each = np.sort(samples.numpy()[:, seen], axis=0), np.arange(int(seen.sum()))
+    colors = np.zeros((len(found), 3), np.float32)
+    colors[seen] = 0.5 * (ordered[(found[seen] - 1) // 2, each] + ordered[found[seen] // 2, each])
     return colors, seen
-
-
-def _look_up(
-    view: View,
-    pixels: np.ndarray,
-    depth: np.ndarray,
-    other: View,
-    other_surface: np.ndarray,
-    outside: np.ndarray,
-    settings: UnseenSettings,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Which points of `view` another view observes, as indices, and the colours that it sees there."""
-    positions = locate(torch.from_numpy(pixels), torch.from_numpy(depth), view.camera, other.camera).numpy()
-    height, width = outside.shape
-    column, row = positions[:, 0] - 0.5, positions[:, 1] - 0.5
-    with np.errstate(invalid="ignore"):
-        found = np.flatnonzero((column >= 0) & (column <= width - 1) & (row >= 0) & (row <= height - 1))
-    column, row, z = column[found], row[found], positions[found, 2]
-    nearest = np.rint(row).astype(np.int64) * width + np.rint(column).astype(np.int64)
-    agrees = np.abs(other_surface.ravel()[nearest] - z) <= settings.depth_tolerance * z
-    agrees &= outside.ravel()[nearest]
-    agrees &= _cosines(view, pixels[found], depth[found], other) >= np.cos(np.radians(settings.angle_max))
-    found, column, row = found[agrees], column[agrees], row[agrees]
-    return found, _bilinear(other.pixels, column, row)
-
-
-def _cosines(view: View, pixels: np.ndarray, depth: np.ndarray, other: View) -> np.ndarray:
-    """Cosine of the angle at each point between the directions from the two cameras, shape (P,)."""
-    rays = optics_of(view.camera).rays[pixels]
-    points = np.concatenate([rays, np.ones((len(rays), 1), np.float32)], axis=1) * depth[:, None]
-    pose = view.camera.pose
-    from_other = points - (pose[:3, :3] @ other.camera.center + pose[:3, 3])
-    lengths = np.linalg.norm(points, axis=1) * np.linalg.norm(from_other, axis=1)
-    return (points * from_other).sum(1) / np.maximum(lengths, 1e-30)
-
-
-def _bilinear(image: np.ndarray, column: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """Colours in [0, 1] at positions between the pixel centres of an 8-bit image, shape (P, 3)."""
-    height, width = image.shape[:2]
-    left = np.minimum(column.astype(np.int64), width - 2)
-    top = np.minimum(row.astype(np.int64), height - 2)
-    x, y = (column - left)[:, None], (row - top)[:, None]
-    upper = (1 - x) * image[top, left] + x * image[top, left + 1]
-    lower = (1 - x) * image[top + 1, left] + x * image[top + 1, left + 1]
-    return (((1 - y) * upper + y * lower) / 255.0).astype(np.float32)
 
 
 def _assemble(view: View, colors: np.ndarray, seen: np.ndarray, settings: UnseenSettings) -> Background:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -58,29 +57,6 @@ def reproject(image: torch.Tensor, depth: torch.Tensor, source: Camera, target: 
     if image.dtype not in _SCALARS or depth.dtype != image.dtype:
         raise InputError(f"image ({image.dtype}) and depth ({depth.dtype}) must both be float32 or float64")
     return Warp(*_Reproject.apply(image, depth, motion_between(source, target, depth.device)))
-
-
-def locate(pixels: torch.Tensor, depth: torch.Tensor, source: Camera, target: Camera) -> torch.Tensor:
-    """Where some pixels of one camera lie in another.
-
-    Args:
-        pixels: Indices row * W + column in the source, shape (P,), int64.
-        depth: z of these pixels along the source camera's axis [scene units], shape (P,), float32 or float64.
-        source, target: The two cameras.
-
-    Returns:
-        Column [px], row [px] and depth [scene units] in the target, shape (P, 3), float64; NaN where a pixel
-        has no usable depth or lies behind the target. Not differentiable.
-    """
-    motion = motion_between(source, target, depth.device)
-    rays = wp.to_torch(motion.rays)[pixels]
-    positions = torch.empty((len(pixels), 3), dtype=torch.float64, device=depth.device)
-    reprojection.locate(
-        _depths(depth.contiguous()),
-        replace(motion, rays=warp_array(rays, wp.vec2d)),
-        warp_array(positions, wp.vec3d),
-    )
-    return positions
 
 
 def motion_between(source: Camera, target: Camera, device: torch.device) -> Motion:
