@@ -47,15 +47,15 @@ class DensitySettings:
 
 @cache
 def _shrink_coefficients(copies_max: int) -> torch.Tensor:
-    """(-1)^k C(i, k) / sqrt(k + 1) summed as in 3DGS-MCMC Eq. 9, by power and number of copies.
+    """Factors of the powers of opacity in 3DGS-MCMC Eq. 9, by number of copies.
 
-    Row n - 1 holds the factors of o^1, o^2, ... o^n, shape (copies_max, copies_max), float64.
+    Its inner sum over i of C(i - 1, k) is C(n, k + 1). Row n - 1 holds the factors of o^1, o^2, ... o^n,
+    shape (copies_max, copies_max), float64.
     """
     table = torch.zeros(copies_max, copies_max, dtype=torch.float64)
     for n in range(1, copies_max + 1):
-        for i in range(1, n + 1):
-            for k in range(i):
-                table[n - 1, k] += comb(i - 1, k) * (-1) ** k / (k + 1) ** 0.5
+        for k in range(n):
+            table[n - 1, k] = (-1) ** k * comb(n, k + 1) / (k + 1) ** 0.5
     return table
 
 
