@@ -5,7 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
+
+from diga3d_warp.process import tune_process
+
+tune_process()  # as the program does; only before torch is imported has it an effect
+
+import torch  # noqa: E402
 
 
 @pytest.fixture(
