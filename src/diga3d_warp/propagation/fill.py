@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from diga3d_warp.priors.protocol import Prior
-from diga3d_warp.propagation.depth import complete_depth
+from diga3d_warp.propagation.layers import complete_layers, near_layer
 from diga3d_warp.propagation.references import References
 from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.scene.camera import Camera
@@ -63,15 +63,50 @@ def fill_references(
         earlier = [(fills[k], cameras[references.indices[k]]) for k in range(rank)]
         known = _take(backgrounds[index], cameras[index], earlier)
         invented = known.missing
-        depth = complete_depth(np.where(known.filled, known.depth, depths[index]), invented)
-        image = known.image
-        if invented.any():
-            filled = prior.fill(torch.from_numpy(image), torch.from_numpy(invented), seed=seed)
-            image = filled.numpy()
+        image, depth = invent(
+            known.image, np.where(known.filled, known.depth, depths[index]), invented, prior, seed
+        )
         unseen = known.filled | invented
         surface = np.where(unseen, depth, 0.0).astype(np.float32)
         fills.append(Fill(image, surface, unseen, invented, np.zeros_like(unseen)))
     return fills
+
+
+def invent(
+    image: np.ndarray, depth: np.ndarray, hole: np.ndarray, prior: Prior, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Colour and depth for a hole that no view sees into.
+
+    Where the object stood on something that stands out from the background, the two are filled apart, each
+    from its own surroundings.
+
+    Args:
+        image: RGB, shape (H, W, 3), float32 in [0, 1]. The hole's pixels are not looked at.
+        depth: z along the camera axis [scene units], shape (H, W); 0 where unknown.
+        hole: shape (H, W), bool. May be empty.
+        prior: Invents the colours.
+        seed: Of the prior.
+
+    Returns:
+        Image and depth, known pixels unchanged, depth positive everywhere.
+    """
+    near = near_layer(depth, hole) if hole.any() else None
+    completed = complete_layers(depth, hole, near)
+    if not hole.any():
+        return image, completed
+    if near is None:
+        return _filled(image, hole, prior, seed), completed
+    behind = _filled(image, hole | near.front, prior, seed)
+    filled = np.where(hole[..., None], behind, image)
+    window = near.window
+    front = _filled(image[window], ~near.surface[window], prior, seed)
+    filled[window] = np.where(near.part[window][..., None], front, filled[window])
+    return filled, completed
+
+
+def _filled(image: np.ndarray, mask: np.ndarray, prior: Prior, seed: int) -> np.ndarray:
+    colors = torch.from_numpy(np.ascontiguousarray(image))
+    return prior.fill(colors, torch.from_numpy(np.ascontiguousarray(mask)), seed=seed).numpy()
 
 
 def carry(
