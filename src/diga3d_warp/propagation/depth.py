@@ -6,9 +6,14 @@ import numpy as np
 
 from diga3d_warp.errors import InputError
 
-SMOOTHING = 5
-"""Side of the median that cleans depth before it is continued [px]: single gaussians stick out of a fitted
-surface, and the rim hands them on to the whole region."""
+WINDOW = 5
+"""Side of the neighbourhood that a depth at the rim must agree with [px]. Single gaussians stick out of a
+fitted surface by a few pixels, and the rim would hand them on to the whole region."""
+
+OUTLIER = 3.0
+"""From how many median deviations on a depth at the rim is replaced by the median of its neighbourhood [1].
+On a slope the rim lies up to two from the median of its known side: those must stay, or every plane would
+bend towards the camera or away from it."""
 
 
 def complete_depth(depth: np.ndarray, hole: np.ndarray) -> np.ndarray:
@@ -28,7 +33,6 @@ def complete_depth(depth: np.ndarray, hole: np.ndarray) -> np.ndarray:
     Raises:
         InputError: no depth is known outside the hole.
     """
-    import cv2
     from scipy.sparse import coo_matrix
     from scipy.sparse.linalg import spsolve
 
@@ -36,11 +40,11 @@ def complete_depth(depth: np.ndarray, hole: np.ndarray) -> np.ndarray:
     unknown = hole | ~known
     if unknown.all():
         raise InputError("no depth is known outside the masks: the masks cover all that was fitted")
-    inverse = np.zeros(depth.shape, np.float32)
-    inverse[~unknown] = 1.0 / depth[~unknown]
     if not unknown.any():
         return depth.astype(np.float32)
-    rim = cv2.medianBlur(inverse, SMOOTHING)
+    inverse = np.full(depth.shape, np.nan)
+    inverse[~unknown] = 1.0 / depth[~unknown]
+    rim = _without_outliers(inverse)
     height, width = depth.shape
     index = np.full(depth.shape, -1, np.int64)
     index[unknown] = np.arange(unknown.sum())
@@ -55,9 +59,7 @@ def complete_depth(depth: np.ndarray, hole: np.ndarray) -> np.ndarray:
         degree += inside
         neighbour = index[y, x]
         at_rim = inside & (neighbour < 0)
-        # The median over a thin rim takes in unknown zeros; there the plain value is the better one.
-        value = np.where(rim[y, x] > 0.0, rim[y, x], inverse[y, x])
-        known_sum += np.where(at_rim, value, 0.0)
+        known_sum += np.where(at_rim, rim[y, x], 0.0)
         joined = inside & (neighbour >= 0)
         entries.append((np.flatnonzero(joined), neighbour[joined]))
     i = np.concatenate([pair[0] for pair in entries])
@@ -75,3 +77,20 @@ def complete_depth(depth: np.ndarray, hole: np.ndarray) -> np.ndarray:
     completed = depth.astype(np.float32).copy()
     completed[unknown] = 1.0 / np.clip(solution, farthest, nearest)
     return completed
+
+
+def _without_outliers(inverse: np.ndarray) -> np.ndarray:
+    """Inverse depth whose pixels at the rim agree with their known neighbourhood; NaN stays unknown."""
+    from numpy.lib.stride_tricks import sliding_window_view
+
+    unknown = np.pad(np.isnan(inverse), 1)
+    beside = unknown[:-2, 1:-1] | unknown[2:, 1:-1] | unknown[1:-1, :-2] | unknown[1:-1, 2:]
+    rows, columns = np.nonzero(beside & ~np.isnan(inverse))
+    padded = np.pad(inverse, WINDOW // 2, constant_values=np.nan)
+    around = sliding_window_view(padded, (WINDOW, WINDOW))[rows, columns].reshape(-1, WINDOW**2)
+    middle = np.nanmedian(around, axis=1)
+    deviation = np.nanmedian(np.abs(around - middle[:, None]), axis=1)
+    own = inverse[rows, columns]
+    clean = inverse.copy()
+    clean[rows, columns] = np.where(np.abs(own - middle) > OUTLIER * deviation, middle, own)
+    return clean
