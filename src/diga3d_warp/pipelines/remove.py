@@ -22,6 +22,7 @@ from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.classical import ClassicalPrior
 from diga3d_warp.priors.protocol import Prior
+from diga3d_warp.propagation.references import check_reference_count
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene
 
@@ -73,6 +74,16 @@ class RemoveResult:
     run: Run
 
 
+def check_removal(scene: Scene, settings: RemoveSettings) -> None:
+    """Refuse what the first stages cannot notice: before a long fit, and before anything is written.
+
+    Raises:
+        InputError: no view has a mask, or there are fewer views than references.
+    """
+    stages.masked_views(scene)
+    check_reference_count(settings.references, len(scene.views))
+
+
 def remove(
     scene: Scene,
     run: Run,
@@ -95,6 +106,7 @@ def remove(
     """
     settings = settings or RemoveSettings()
     prior = prior or ClassicalPrior()
+    check_removal(scene, settings)
     stages.begin(run, scene)
     source = stages.fit_source(run, scene, settings.fit, seed)
     cleared = stages.clear_object(run, scene, source, settings.lift, settings.masking)
@@ -120,6 +132,7 @@ def remove_command(
     settings = replace(
         RemoveSettings(), fit=fit_settings(iterations), references=references, selection=selection
     )
+    check_removal(capture, settings)
     run = Run(
         out,
         "remove",

@@ -79,6 +79,21 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
     return Gaussians.load_ply(folder / GAUSSIANS)
 
 
+def masked_views(scene: Scene) -> list[View]:
+    """Training views with a mask, at least one.
+
+    Raises:
+        InputError: no view has a mask.
+    """
+    masked = [view for view in scene.views if view.mask is not None]
+    if not masked:
+        raise InputError(
+            f"{scene.path}: no view has a mask; put one for each image into {scene.path / 'masks'}, "
+            "white on the object, or name a folder with --masks"
+        )
+    return masked
+
+
 @dataclass(frozen=True, eq=False)
 class Cleared:
     """The scene with the object's gaussians taken out.
@@ -104,20 +119,15 @@ def clear_object(
     Raises:
         InputError: no view has a mask, or the masks lift to no gaussian or to all of them.
     """
-    masked = [view for view in scene.views if view.mask is not None]
-    if not masked:
-        raise InputError(
-            f"{scene.path}: no view has a mask; put one for each image into {scene.path / 'masks'}, "
-            "white on the object, or name a folder with --masks"
-        )
+    masked = masked_views(scene)
 
     def compute(folder: Path) -> None:
         votes = vote(source, [view.camera for view in masked], [_mask(view) for view in masked])
         rows = object_rows(votes, settings)
         if not rows.any():
             raise InputError(f"{scene.path}: the masks lift to no gaussian; do they belong to these images?")
-        if rows.all():
-            raise InputError(f"{scene.path}: the masks lift to every gaussian; mask the object only")
+        if rows[votes.total > settings.faint].all():
+            raise InputError(f"{scene.path}: the masks lift to every gaussian seen; mask the object only")
         for view in [*scene.views, *scene.test_views]:
             mask = view.mask if view.mask is not None else object_mask(source, view.camera, rows)
             write_image(folder / "masks" / f"{view.name}.png", widened(mask, masking))

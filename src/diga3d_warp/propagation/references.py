@@ -28,6 +28,16 @@ class References:
     cluster: np.ndarray
 
 
+def check_reference_count(count: int, views: int) -> None:
+    """Refuse a number of references that the views cannot give.
+
+    Raises:
+        InputError: there are fewer views than references, or no reference is asked for.
+    """
+    if not 1 <= count <= views:
+        raise InputError(f"{count} references cannot be chosen from {views} views: ask for 1 to {views}")
+
+
 def select_references(
     centers: np.ndarray,
     count: int = 3,
@@ -51,10 +61,7 @@ def select_references(
             unknown.
     """
     centers = np.asarray(centers, np.float64)
-    if not 1 <= count <= len(centers):
-        raise InputError(
-            f"{count} references cannot be chosen from {len(centers)} views: ask for 1 to {len(centers)}"
-        )
+    check_reference_count(count, len(centers))
     generator = np.random.default_rng(seed)
     if method == "kmeans":
         indices = _nearest_to_means(centers, count, generator)

@@ -1,0 +1,41 @@
+"""A removal that takes seconds, for the tests and for the processes that they kill."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.pipelines.remove import REFIT, RemoveResult, RemoveSettings
+from diga3d_warp.scene.scene import Scene
+
+SETTINGS = RemoveSettings(fit=FitSettings(iterations=150, budget=4000), refit=replace(REFIT, iterations=60))
+
+
+@dataclass(frozen=True)
+class Removed:
+    """A finished removal.
+
+    Attributes:
+        scene: What it was given.
+        result: What it returned.
+        folder: What it left; not to be changed.
+    """
+
+    scene: Scene
+    result: RemoveResult
+    folder: Path
+
+    def picture(self, name: str) -> np.ndarray:
+        """An image of the run folder or, for names that begin so, of the capture's ground truth."""
+        root = self.scene.path if name.startswith("ground_truth") else self.folder
+        pixels = cv2.imread(str(root / name), cv2.IMREAD_COLOR_RGB)
+        assert pixels is not None and pixels.shape == (72, 96, 3)
+        return pixels.astype(np.float64) / 255.0
+
+    def mask(self, name: str) -> np.ndarray:
+        """The widened mask of a view."""
+        return cv2.imread(str(self.folder / "masks" / f"{name}.png"), cv2.IMREAD_GRAYSCALE) > 127
