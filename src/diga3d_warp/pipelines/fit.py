@@ -30,6 +30,7 @@ def fit_command(
         InputError: the input or the run folder is not usable.
     """
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
+    stages.check_splat(capture)
     settings = fit_settings(iterations)
     run = Run(
         out,

@@ -78,10 +78,12 @@ def check_removal(scene: Scene, settings: RemoveSettings) -> None:
     """Refuse what the first stages cannot notice: before a long fit, and before anything is written.
 
     Raises:
-        InputError: no view has a mask, or there are fewer views than references.
+        InputError: no view has a mask, there are fewer views than references, or the scene's splat is not
+            usable.
     """
     stages.masked_views(scene)
     check_reference_count(settings.references, len(scene.views))
+    stages.check_splat(scene)
 
 
 def remove(

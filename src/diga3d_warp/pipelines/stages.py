@@ -49,6 +49,16 @@ class MaskSettings:
     dilation: float = 0.012
 
 
+def check_splat(scene: Scene) -> None:
+    """Refuse a capture's splat that is not usable, before anything is written.
+
+    Raises:
+        InputError: the splat that the scene came with holds no usable gaussian.
+    """
+    if scene.splat is not None:
+        read_ply(scene.splat)
+
+
 def begin(run: Run, scene: Scene) -> None:
     """Note what the reader noted, and keep the cameras for viewers and later commands."""
     for note in scene.notes:
