@@ -76,7 +76,7 @@ def whole(start, targets):
 
 def test_the_fit_comes_closer(whole, start, targets):
     assert psnr(whole.gaussians, targets) > psnr(start, targets) + 6.0
-    assert whole.curve[-1]["loss"] < 0.6 * whole.curve[0]["loss"]
+    assert whole.curve[-1]["loss"] < 0.75 * whole.curve[0]["loss"]
     assert whole.curve[-1]["psnr"] > whole.curve[0]["psnr"] + 4.0
     assert [point["iteration"] for point in whole.curve] == [25, 50, 75, 100]
     assert whole.curve[-1]["gaussians"] == len(whole.gaussians) == SETTINGS.budget

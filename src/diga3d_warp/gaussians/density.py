@@ -1,19 +1,21 @@
-"""Density control with a fixed budget: 3D gaussian splatting as Markov chain Monte Carlo.
+"""Density control with a fixed budget: gaussians go where the images pull, faded ones first.
 
-After Kheradmand et al. 2024 (3DGS-MCMC): gaussians that have faded are moved onto visible ones, new ones are
-added the same way until the budget is reached, and faint ones take a random walk. Splitting one gaussian into
-n keeps the image: the opacities compose to the old one, and scales shrink by Eq. 9 of that paper.
+Faded gaussians are moved onto chosen ones and new ones are added the same way until the budget is reached, as
+in 3DGS as Markov chain Monte Carlo (Kheradmand et al. 2024). Unlike there, they are chosen by the pull of the
+images on their centres (3DGS's measure) rather than by opacity, and copies are spread over the original
+(3DGS's split) rather than laid on one spot: coincident copies get the same gradient, so only a long random
+walk parts them, and a fit on a CPU is short.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from functools import cache
-from math import comb
 
 import torch
 
 from diga3d_warp.gaussians.optimiser import GaussianAdam
+from diga3d_warp.gaussians.parameters import Gaussians
 
 
 @dataclass(frozen=True)
@@ -25,8 +27,9 @@ class DensitySettings:
         begin: Part of all iterations before the first round: the first gaussians must settle.
         end: Part of all iterations after the last round: what was moved last must settle too.
         dead_opacity: Below this opacity a gaussian has faded. 3DGS-MCMC: 0.005.
-        copies_max: Most gaussians that one becomes in a round; bounds the binomials. 3DGS-MCMC: 51.
-        opacity_floor: Least opacity of a copy, just above `dead_opacity`, or it would be moved again.
+        spread: How far copies lie from the original's centre [its standard deviations]. They shrink by
+            sqrt(1 - spread^2), so that all copies together have the covariance of the original; 0.8 gives
+            0.6, the 1 / 1.6 of 3DGS's split.
         noise: Size of the random walk, in learning rates of the means. 3DGS-MCMC: 5e5.
         noise_steepness, noise_threshold: Gaussians below an opacity of 1 - threshold walk; the step falls by
             a sigmoid of this steepness. 3DGS-MCMC: 100 and 0.995.
@@ -37,60 +40,24 @@ class DensitySettings:
     begin: float = 0.05
     end: float = 0.75
     dead_opacity: float = 0.005
-    copies_max: int = 51
-    opacity_floor: float = 0.0051
+    spread: float = 0.8
     noise: float = 5e5
     noise_steepness: float = 100.0
     noise_threshold: float = 0.995
     noise_opacity_max: float = 0.07
 
 
-@cache
-def _shrink_coefficients(copies_max: int) -> torch.Tensor:
-    """Factors of the powers of opacity in 3DGS-MCMC Eq. 9, by number of copies.
-
-    Its inner sum over i of C(i - 1, k) is C(n, k + 1). Row n - 1 holds the factors of o^1, o^2, ... o^n,
-    shape (copies_max, copies_max), float64.
-    """
-    table = torch.zeros(copies_max, copies_max, dtype=torch.float64)
-    for n in range(1, copies_max + 1):
-        for k in range(n):
-            table[n - 1, k] = (-1) ** k * comb(n, k + 1) / (k + 1) ** 0.5
-    return table
-
-
-def split(opacities: torch.Tensor, scales: torch.Tensor, copies: torch.Tensor, settings: DensitySettings):
-    """Opacities and scales of gaussians after each became several.
-
-    Args:
-        opacities: shape (M,).
-        scales: Standard deviations, shape (M, 3).
-        copies: How many each one becomes, at least 1, shape (M,), int64.
-
-    Returns:
-        Opacities (M,) and scales (M, 3) of each copy, such that the copies on one spot look like the
-        original (3DGS-MCMC Eq. 9).
-    """
-    copies = copies.clamp(1, settings.copies_max)
-    old = opacities.double().clamp(1e-6, 1.0 - 1e-6)
-    new = 1.0 - (1.0 - old) ** (1.0 / copies)
-    powers = new[:, None] ** torch.arange(1, settings.copies_max + 1)
-    denominator = (_shrink_coefficients(settings.copies_max)[copies - 1] * powers).sum(dim=1)
-    factor = torch.where(denominator > 0.0, old / denominator, torch.ones_like(old)).clamp(max=1.0)
-    opacity = new.clamp(settings.opacity_floor, 1.0 - 1e-6)
-    return opacity.float(), (scales * factor[:, None]).float()
-
-
 @torch.no_grad()
 def relocate_and_grow(
-    optimiser: GaussianAdam, wanted: int, settings: DensitySettings, generator: torch.Generator,
-    held: torch.Tensor | None = None,
+    optimiser: GaussianAdam, wanted: int, pull: torch.Tensor, settings: DensitySettings,
+    generator: torch.Generator, held: torch.Tensor | None = None,
 ) -> int:  # fmt: skip
-    """Move faded gaussians onto visible ones, then add new ones until there are `wanted`.
+    """Move faded gaussians onto others, then add new ones until there are `wanted`.
 
     Args:
         optimiser: Changed in place.
         wanted: Number of gaussians to reach; never less than there are.
+        pull: How much each gaussian deserves company, shape (N,), not negative.
         settings: Thresholds.
         generator: Source of the random choices.
         held: Rows that are neither moved nor chosen, shape (N,), bool.
@@ -105,22 +72,34 @@ def relocate_and_grow(
     dead_rows = torch.nonzero(free & ~alive)[:, 0]
     added = max(0, wanted - len(gaussians))
     moved = len(dead_rows) + added
-    if moved == 0 or not alive.any():
+    weights = torch.where(alive, pull, torch.zeros_like(pull))
+    if moved == 0 or not (weights > 0.0).any():
         return 0
-    weights = torch.where(alive, opacities, torch.zeros_like(opacities))
     chosen = torch.multinomial(weights, moved, replacement=True, generator=generator)
-    sources, copies = torch.unique(chosen, return_counts=True)
-    copied = gaussians.select(sources)
-    opacity, scales = split(copied.opacities, copied.scales, copies + 1, settings)
-    copied.opacity_logits = torch.logit(opacity)
-    copied.log_scales = torch.log(scales)
-    optimiser.overwrite(sources, copied)
-    values = copied.select(torch.searchsorted(sources, chosen))
-    if len(dead_rows):
-        optimiser.overwrite(dead_rows, values.select(torch.arange(len(dead_rows))))
+    sources = torch.unique(chosen)
+    values = spread_out(gaussians.select(chosen), settings.spread, generator)
+    optimiser.overwrite(sources, spread_out(gaussians.select(sources), settings.spread, generator))
+    optimiser.overwrite(dead_rows, values.select(torch.arange(len(dead_rows))))
     if added:
         optimiser.append(values.select(torch.arange(len(dead_rows), moved)))
     return moved
+
+
+def spread_out(gaussians: Gaussians, spread: float, generator: torch.Generator) -> Gaussians:
+    """Smaller gaussians at random places within the given ones.
+
+    Many of them from one gaussian have its mean and its covariance.
+
+    Args:
+        gaussians: N gaussians.
+        spread: Distance from the old centre [standard deviations], in [0, 1).
+        generator: Source of the places.
+    """
+    steps = spread * gaussians.scales * torch.randn(len(gaussians), 3, generator=generator)
+    placed = gaussians.detached()
+    placed.means += (_rotations(gaussians.quaternions) @ steps[..., None])[..., 0]
+    placed.log_scales += 0.5 * math.log(1.0 - spread**2)
+    return placed
 
 
 @torch.no_grad()

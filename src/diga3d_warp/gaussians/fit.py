@@ -16,6 +16,7 @@ from diga3d_warp.gaussians.losses import depth_loss, photometric_loss
 from diga3d_warp.gaussians.optimiser import GaussianAdam, LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.splatting.project import Projection
 from diga3d_warp.splatting.render import render
 
 
@@ -170,6 +171,7 @@ class _Fit:
         self.optimiser = GaussianAdam(gaussians, settings.rates, extent)
         self.generator = torch.Generator().manual_seed(seed)
         self.first_count = len(gaussians)
+        self.pull, self.drawn = torch.zeros(2, len(gaussians)).unbind()
         self.iteration = 0
         self.order: list[int] = []
         self.curve: list[dict[str, float]] = []
@@ -194,12 +196,21 @@ class _Fit:
             )
         regularised = loss + s.opacity_weight * gaussians.opacities.mean()
         regularised = regularised + s.scale_weight * gaussians.scales.mean() / self.extent
+        rendering.projection.centers.retain_grad()
         regularised.backward()
+        self._note_pull(rendering.projection)
         self.optimiser.step(done, self._held(len(gaussians)))
         self._control_density(done)
         self._record(float(loss.detach()), rendering.color.detach(), wanted, target.weight)
         self.iteration += 1
         self.seconds += time.perf_counter() - start
+
+    def _note_pull(self, projection: Projection) -> None:
+        """Add up how hard this image pulls on the centres of the gaussians that it shows."""
+        gradient = projection.centers.grad
+        assert gradient is not None
+        self.pull += gradient.norm(dim=1)
+        self.drawn += projection.extents[:, 0] > 0.0
 
     def _next_index(self) -> int:
         if not self.order:
@@ -220,8 +231,11 @@ class _Fit:
             # Geometric growth, so that each round adds the same share; done three quarters of the way.
             share = min(1.0, grown / 0.75)
             wanted = int(first * (max(s.budget, first) / first) ** share)
-            relocate_and_grow(self.optimiser, wanted, density, self.generator, held)
-            held = self._held(len(self.optimiser.tensors["means"]))
+            pull = self.pull / self.drawn.clamp_min(1.0)
+            relocate_and_grow(self.optimiser, wanted, pull, density, self.generator, held)
+            count = len(self.optimiser.tensors["means"])
+            self.pull, self.drawn = torch.zeros(2, count).unbind()
+            held = self._held(count)
         if done < density.end:
             walk(self.optimiser, density, self.generator, held)
 
@@ -240,7 +254,7 @@ class _Fit:
         self.curve.append({"iteration": self.iteration + 1, "loss": losses, "psnr": psnr, "gaussians": count})
         self.recent = []
 
-    _PLAIN = ("iteration", "order", "curve", "recent", "seconds")
+    _PLAIN = ("iteration", "order", "curve", "recent", "seconds", "pull", "drawn")
 
     def save(self, path: Path) -> None:
         """Write a checkpoint through a temporary file."""
