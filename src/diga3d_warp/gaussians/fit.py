@@ -230,7 +230,7 @@ class _Fit:
             first = max(self.first_count, 1)
             # Geometric growth, so that each round adds the same share; done three quarters of the way.
             share = min(1.0, grown / 0.75)
-            wanted = int(first * (max(s.budget, first) / first) ** share)
+            wanted = round(first * (max(s.budget, first) / first) ** share)
             pull = self.pull / self.drawn.clamp_min(1.0)
             relocate_and_grow(self.optimiser, wanted, pull, density, self.generator, held)
             count = len(self.optimiser.tensors["means"])
