@@ -44,8 +44,8 @@ DIFFERENTIABLE: dict[str, Any] = {**OPTIONS, "enable_backward": True}
 not replay dynamic loops, and their automatic adjoints are silently wrong."""
 
 UNEVEN_RANGES = 4
-"""Ranges per thread of a launch whose indices differ in cost: enough that a slow range does not keep the other
-threads waiting. Even launches get one range per thread: recording a range takes 50 to 100 us."""
+"""Ranges per thread of a launch whose indices differ in cost: enough that a slow range does not keep the
+other threads waiting. Even launches get one range per thread: recording a range takes 50 to 100 us."""
 
 SERIAL_BELOW = 2048
 """Indices under which one range runs on the calling thread: waking a worker costs about 50 us, as much as a
