@@ -40,6 +40,8 @@ def test_what_stands_at_weight_zero_does_not_matter():
     loss = photometric_loss(color, wanted, weight, 0.2)
     color[weight == 0.0] = 7.0
     torch.testing.assert_close(photometric_loss(color, wanted, weight, 0.2), loss)
+    reached = torch.where(weight[..., None] == 0.0, color, wanted)
+    assert photometric_loss(reached, wanted, weight, 0.2).item() == pytest.approx(0.0, abs=1e-6)
 
 
 def test_depth_loss_is_relative_and_looks_at_known_pixels_only():
