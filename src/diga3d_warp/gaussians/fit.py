@@ -30,7 +30,8 @@ class FitSettings:
         ssim_weight: Part of D-SSIM in the photometric loss. Paper and 3DGS: 0.2.
         depth_weight: Weight of the depth loss, relative to depth [1 / 1].
         opacity_weight, scale_weight: Weights of the mean opacity and the mean scale [1, 1 / scene extent];
-            they make useless gaussians fade, so that they can be moved. 3DGS-MCMC: 0.01 each.
+            they make useless gaussians fade, so that they can be moved. 3DGS-MCMC: 0.01 each, which over a
+            short fit costs sharpness.
         coarse_part: Part of the iterations that sees images of half the size: they cost a quarter, and
             the first shapes need no more.
         sh_steps: Parts of the iterations after which degree 1, 2 and 3 of the harmonics join in.
@@ -43,8 +44,8 @@ class FitSettings:
     budget: int = 60_000
     ssim_weight: float = 0.2
     depth_weight: float = 0.0
-    opacity_weight: float = 0.01
-    scale_weight: float = 0.01
+    opacity_weight: float = 0.001
+    scale_weight: float = 0.001
     coarse_part: float = 0.3
     sh_steps: tuple[float, ...] = (0.3, 0.5, 0.7)
     rates: LearningRates = field(default_factory=LearningRates)

@@ -13,10 +13,18 @@ from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene
 
+BUDGET_PER_POINT = 4
+"""Gaussians at the end of a fit for each sparse point: points stand for texture, and where there is more of
+it more gaussians are needed."""
 
-def fit_settings(iterations: int | None) -> FitSettings:
-    """The settings of a fit, with another number of iterations if one is given."""
-    settings = FitSettings()
+BUDGET_LEAST, BUDGET_MOST = 60_000, 150_000
+"""Bounds of the budget. Fewer save little time; more want more iterations than minutes on a CPU allow."""
+
+
+def fit_settings(scene: Scene, iterations: int | None) -> FitSettings:
+    """The settings of a fit that suit a scene, with another number of iterations if one is given."""
+    budget = min(max(BUDGET_PER_POINT * len(scene.points), BUDGET_LEAST), BUDGET_MOST)
+    settings = replace(FitSettings(), budget=budget)
     return settings if iterations is None else replace(settings, iterations=iterations)
 
 
@@ -31,7 +39,7 @@ def fit_command(
     """
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     stages.check_splat(capture)
-    settings = fit_settings(iterations)
+    settings = fit_settings(capture, iterations)
     run = Run(
         out,
         "fit",

@@ -132,7 +132,7 @@ def remove_command(
     """
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     settings = replace(
-        RemoveSettings(), fit=fit_settings(iterations), references=references, selection=selection
+        RemoveSettings(), fit=fit_settings(capture, iterations), references=references, selection=selection
     )
     check_removal(capture, settings)
     run = Run(
