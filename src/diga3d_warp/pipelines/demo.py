@@ -35,7 +35,7 @@ TRUTH = Path("ground_truth") / "without_object"
 """Where the generator puts the views without the object, in the folder of the capture."""
 
 ROOM = SyntheticScene(shadows=False, seed=0)
-"""The vase casts no shadow. Masks mark the object, so its shadow would stay, and the comparison would tell how
+"""The vase casts no shadow. Masks mark the object, so a shadow would stay, and the comparison would tell how
 dark the shadow is rather than how well the floor goes on."""
 
 SETTINGS = RemoveSettings(fit=FitSettings(iterations=1500, budget=30_000))
