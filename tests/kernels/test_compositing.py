@@ -4,7 +4,7 @@ import pytest
 import torch
 
 import oracle
-from diga3d_warp.kernels import compositing
+from diga3d_warp.kernels import compositing, compositing_adjoint
 from diga3d_warp.splatting.composite import Composite, composite
 from diga3d_warp.splatting.project import Projection
 
@@ -86,7 +86,8 @@ def test_lanes_of_a_gpu_give_the_same_image_and_gradients(monkeypatch, threads):
     threads(1)  # its atomic additions are none on CPU
     results = []
     for lanes in (compositing.CPU_LANES, compositing.CUDA_LANES):
-        monkeypatch.setattr(compositing, "lanes_of", lambda device, lanes=lanes: lanes)
+        for module in (compositing, compositing_adjoint):
+            monkeypatch.setattr(module, "lanes_of", lambda device, lanes=lanes: lanes)
         found, leaves = blended(37, 29)
         oracle.weighted_sum(found, torch.ones(29, 37, dtype=torch.bool)).backward()
         results.append([*found, *(leaf.grad for leaf in leaves.values())])

@@ -9,6 +9,7 @@ from diga3d_warp.kernels import (
     binning,
     cameras,
     compositing,
+    compositing_adjoint,
     harmonics,
     projection,
     raycast,
@@ -24,8 +25,8 @@ KERNELS = {
     "shade": lambda: harmonics.harmonics_kernel(3),
     "binning": lambda: binning.count_tiles,
     "composite": lambda: compositing.forward_kernel(CUDA, True),
-    "composite_adjoint": lambda: compositing.adjoint_kernel(CUDA, True),
-    "gather_gradients": lambda: compositing.gather_gradients,
+    "composite_adjoint": lambda: compositing_adjoint.adjoint_kernel(CUDA, True),
+    "gather_gradients": lambda: compositing_adjoint.gather_gradients,
     "similarity": lambda: ssim.similarity_kernel(ssim.CUDA_RUN),
     "similarity_adjoint": lambda: ssim.adjoint_kernel(ssim.CUDA_RUN),
     "positions": lambda: reprojection.position_kernel("none"),
@@ -49,7 +50,11 @@ def test_compiles_to_ptx(name, tmp_path: Path):
 
 def test_gradients_that_pixels_share_are_added_atomically(tmp_path: Path):
     wp.compile_aot_module(
-        compositing.adjoint_kernel(CUDA, True).module, device=[], arch=90, module_dir=tmp_path, use_ptx=True
+        compositing_adjoint.adjoint_kernel(CUDA, True).module,
+        device=[],
+        arch=90,
+        module_dir=tmp_path,
+        use_ptx=True,
     )
     (ptx,) = tmp_path.glob("*.ptx")
     assert ".global.add.f32" in ptx.read_text()

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import warp as wp
 
-from diga3d_warp.kernels import compositing, harmonics, projection, reprojection
+from diga3d_warp.kernels import compositing, compositing_adjoint, harmonics, projection, reprojection
 from diga3d_warp.kernels import ssim as similarity
 from diga3d_warp.kernels.binning import bin_gaussians
 
@@ -154,7 +154,7 @@ def composite(
     moved = [splats.centers, splats.conics, splats.opacities, colors, splats.depths]
 
     def adjoint() -> None:
-        compositing.composite_adjoint(
+        compositing_adjoint.composite_adjoint(
             bins, width, height, arrays, outputs, [array.grad for array in outputs],
             [_gradient(array) for array in moved], with_depth=with_depth,
         )  # fmt: skip

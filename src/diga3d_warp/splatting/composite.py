@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 import warp as wp
 
-from diga3d_warp.kernels import compositing
+from diga3d_warp.kernels import compositing, compositing_adjoint
 from diga3d_warp.kernels.binning import Bins, bin_gaussians
 from diga3d_warp.splatting.arrays import like, warp_array
 from diga3d_warp.splatting.project import Projection
@@ -82,7 +82,7 @@ class _Composite(torch.autograd.Function):
         given = (adj_color, adj_depth_sum, adj_transmittance)
         adj_outputs = [like(grad, output) for grad, output in zip(given, outputs, strict=True)]
         adj_splats = [torch.zeros_like(t) for t in (centers, conics, opacities, colors, depths)]
-        compositing.composite_adjoint(
+        compositing_adjoint.composite_adjoint(
             ctx.bins,
             outputs[0].shape[1],
             outputs[0].shape[0],
