@@ -157,7 +157,7 @@ def test_faint_gaussians_walk_by_their_own_covariance():
     turn = rotation(gaussians.quaternions[0])
     sigma = turn @ np.diag(np.exp(2.0 * gaussians.log_scales[0].double().numpy())) @ turn.T
     gate = 1 / (1 + np.exp(-100.0 * ((1 - 0.006) - 0.995)))
-    expected = (gate * 5e5 * 1.6e-4) ** 2 * sigma @ sigma
+    expected = (gate * SETTINGS.noise * LearningRates().means) ** 2 * sigma @ sigma
     np.testing.assert_allclose(np.cov(steps.T), expected, atol=0.08 * expected.max())
     others = {name: tensor for name, tensor in optimiser.tensors.items() if name != "means"}
     assert torch.equal(others["log_scales"].detach(), gaussians.log_scales)

@@ -117,21 +117,24 @@ def test_held_rows_keep_their_bits():
         assert (tensor[~held] != first[~held]).all(), name
 
 
-def test_rates_are_those_of_3dgs_in_units_of_the_extent():
+def test_rates_are_in_the_units_of_the_parameters_and_the_extent():
     start = random_gaussians(COUNT)
-    optimiser = GaussianAdam(start, LearningRates(), extent=3.0)
+    rates = LearningRates(
+        means=2e-4, means_final=3e-6, log_scales=5e-3, quaternions=1e-3, opacity_logits=4e-2, sh_dc=2e-3
+    )
+    optimiser = GaussianAdam(start, rates, extent=3.0)
     sum(tensor.sum() for tensor in optimiser.tensors.values()).backward()
     optimiser.step(0.0)
     moved = {name: (tensor.detach() - _named(start, name)).abs().max() for name, tensor in
              optimiser.tensors.items()}  # fmt: skip
     expected = {
-        "means": 3 * 1.6e-4, "log_scales": 5e-3, "quaternions": 1e-3, "opacity_logits": 5e-2,
-        "sh_dc": 2.5e-3, "sh_rest": 1.25e-4,
+        "means": 6e-4, "log_scales": 5e-3, "quaternions": 1e-3, "opacity_logits": 4e-2,
+        "sh_dc": 2e-3, "sh_rest": 1e-4,
     }  # fmt: skip
     for name, rate in expected.items():
         assert moved[name].item() == pytest.approx(rate, rel=2e-2), name
     optimiser.step(1.0)
-    assert optimiser.means_rate == pytest.approx(3 * 1.6e-6)
+    assert optimiser.means_rate == pytest.approx(9e-6)
 
 
 def _named(gaussians, name: str) -> torch.Tensor:
