@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from diga3d_warp.priors.protocol import Prior
-from diga3d_warp.propagation.layers import complete_layers, near_layer
+from diga3d_warp.propagation.layers import complete_layers, near_layer, surroundings
 from diga3d_warp.propagation.references import References
 from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.scene.camera import Camera
@@ -96,8 +96,11 @@ def invent(
         return image, completed
     if near is None:
         return _filled(image, hole, prior, seed), completed
-    behind = _filled(image, hole | near.front, prior, seed)
-    filled = np.where(hole[..., None], behind, image)
+    # What lies in front counts as unknown too; within the whole image that would be far more than the hole.
+    around = surroundings(hole)
+    behind = _filled(image[around], (hole | near.front)[around], prior, seed)
+    filled = image.copy()
+    filled[around] = np.where(hole[around][..., None], behind, image[around])
     window = near.window
     front = _filled(image[window], ~near.surface[window], prior, seed)
     filled[window] = np.where(near.part[window][..., None], front, filled[window])

@@ -28,14 +28,17 @@ class LayerSettings:
             hole is not a second surface but the only one.
         margin: Surroundings that are looked at [hole sizes]. Further out the near surface meets the ground
             that it stands on, and can no longer be told from it.
+        source_margin: Surroundings that what lies behind is filled from [hole sizes]. Further away other
+            things begin: a lawn was filled with the road at a margin of the whole image.
     """
 
     step: float = 1.08
     nearer: float = 1.3
     rim: int = 4
     rim_share: float = 0.08
-    hull_share: float = 0.6
+    hull_share: float = 0.4
     margin: float = 0.08
+    source_margin: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,16 +99,24 @@ def near_layer(
     others = rim & (labels != nearest)
     if np.median(log_depth[others]) - depths[nearest] < np.log(s.nearer):
         return None
-    part = _hull(labels == nearest) & inside
+    # Where the edge has gaps, the surface runs on into what lies behind it.
+    front_log = depths[nearest] + 0.5 * np.log(s.nearer)
+    near = (labels == nearest) & (log_depth < front_log)
+    part = _hull(near) & inside
     if not 0 < part.sum() <= s.hull_share * inside.sum():
         return None
     surface, continued = np.zeros_like(hole), np.zeros_like(hole)
-    surface[window], continued[window] = labels == nearest, part
-    limit = np.exp(depths[nearest]) * np.sqrt(s.nearer)
+    surface[window], continued[window] = near, part
     # Pixels at the edge of a fitted surface have depths of neither side.
     edge = cv2.dilate(surface.astype(np.uint8), disc) > 0
-    front = ~hole & (edge | ((depth > 0.0) & (depth < limit)))
+    front = ~hole & (edge | ((depth > 0.0) & (depth < np.exp(front_log))))
     return NearLayer(surface, continued, front)
+
+
+def surroundings(hole: np.ndarray, settings: LayerSettings | None = None) -> tuple[slice, slice]:
+    """The box around a hole that what lies behind is filled from."""
+    s = settings or LayerSettings()
+    return _box(hole, int(s.source_margin * max(np.ptp(np.nonzero(hole), axis=1))))
 
 
 def complete_layers(depth: np.ndarray, hole: np.ndarray, near: NearLayer | None) -> np.ndarray:
