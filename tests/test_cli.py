@@ -132,3 +132,12 @@ def test_interrupt_says_how_to_go_on(monkeypatch, capsys):
     stand_in(monkeypatch, interrupt)
     assert cli.main(["fit", "my scene", "--out", "run"]) == 130
     assert "diga3d fit 'my scene' --out run --resume\n" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", [["--hold-out", "1"], ["--seed", "-1"], ["--seed", "4294967296"]])
+def test_numbers_that_no_run_could_use_are_refused(option, tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["remove", str(tmp_path), "--out", str(tmp_path / "run"), *option])
+    assert stop.value.code == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert not (tmp_path / "run").exists()

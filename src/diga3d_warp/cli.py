@@ -14,6 +14,7 @@ from diga3d_warp.process import tune_process
 
 EXIT_INPUT = 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
+SEED_MOST = 2**31 - 1  # what every generator here takes
 
 DESCRIPTION = "Edit an object in a captured 3D scene, on 3D Gaussian splats. CPU is enough."
 EXAMPLES = """\
@@ -162,7 +163,7 @@ def parser() -> argparse.ArgumentParser:
     synthetic.add_argument("--height", type=_positive_int, default=240, metavar="PX")
     synthetic.add_argument("--views", type=_positive_int, default=24, metavar="N")
     synthetic.add_argument("--no-shadows", action="store_true", help="the object casts no shadow")
-    synthetic.add_argument("--seed", type=int, default=0, metavar="N")
+    synthetic.add_argument("--seed", type=_seed, default=0, metavar="N")
 
     demo = add(
         "demo", _demo, "remove the object of a synthetic room and compare", "diga3d demo --out run/demo"
@@ -189,12 +190,12 @@ def _add_run_options(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--hold-out",
-        type=_count,
+        type=_hold_out,
         default=8,
         metavar="N",
         help="keep every Nth view for testing, 0 for none (default 8)",
     )
-    command.add_argument("--seed", type=int, default=0, metavar="N", help="(default 0)")
+    command.add_argument("--seed", type=_seed, default=0, metavar="N", help="(default 0)")
     command.add_argument("--resume", action="store_true", help="go on with an interrupted run")
 
 
@@ -216,9 +217,15 @@ def _positive_int(text: str) -> int:
     return int(text)
 
 
-def _count(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number")
+def _hold_out(text: str) -> int:
+    if not text.isdecimal() or int(text) == 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not 0 (hold out none) or a whole number above 1")
+    return int(text)
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal() or int(text) > SEED_MOST:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to {SEED_MOST}")
     return int(text)
 
 

@@ -187,3 +187,13 @@ def test_broken_manifest_is_one_line(tmp_path):
         Run(tmp_path, "fit", {}, resume=True)
     assert "\n" not in str(error.value)
     assert [entry.name for entry in tmp_path.iterdir()] == [MANIFEST]
+
+
+def test_a_full_disk_ends_a_stage_in_one_line(tmp_path):
+    def compute(folder: Path) -> None:
+        raise OSError(28, "No space left on device", str(folder / "big.npy"))
+
+    run = Run(tmp_path / "run", "fit", {"seed": 0})
+    with pytest.raises(InputError, match=r"big\.npy.*no space left"):
+        run.stage("fit", compute)
+    assert not (tmp_path / "run" / "stages" / "fit").exists()

@@ -134,3 +134,14 @@ def test_a_large_cut_out_is_filled_at_a_smaller_size():
 def test_it_is_a_prior():
     prior: Prior = ClassicalPrior()
     assert prior.name == "classical"
+
+
+def test_a_hole_as_wide_as_the_image_is_filled_from_below():
+    """Strips at its top have nothing known beside them."""
+    torch.manual_seed(0)
+    image = 0.2 + 0.2 * torch.rand(120, 100, 3)
+    mask = torch.zeros(120, 100, dtype=torch.bool)
+    mask[:70] = True
+    image[:70] = torch.tensor([1.0, 0.0, 0.0])
+    filled = ClassicalPrior().fill(image, mask)
+    assert (filled[:70, :, 0] < 0.6).all(), "nothing red is left"

@@ -108,11 +108,13 @@ def object_rows(votes: Votes, settings: LiftSettings) -> torch.Tensor:
     return torch.where(seen, votes.share > settings.share, in_hull)
 
 
-def object_mask(gaussians: Gaussians, camera: Camera, rows: torch.Tensor) -> np.ndarray:
+def object_mask(
+    gaussians: Gaussians, camera: Camera, rows: torch.Tensor, settings: LiftSettings
+) -> np.ndarray:
     """Where the gaussians in `rows` (N,) show in a camera, in front of the others, shape (H, W), bool."""
     colors = rows.to(torch.float32)[:, None].repeat(1, 3)
     blended = composite(_projected(gaussians, camera), colors, camera.width, camera.height, with_depth=False)
-    return (blended.color[..., 0] > LiftSettings.opacity).numpy()
+    return (blended.color[..., 0] > settings.opacity).numpy()
 
 
 def _projected(gaussians: Gaussians, camera: Camera) -> Projection:

@@ -1,4 +1,4 @@
-"""Losses of a fit: colour, and depth with or without alignment (paper Sec. 3.4)."""
+"""Losses of a fit: colour, and depth with or without alignment (paper Sec. 3.5)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FLAT = 1e-6
 def photometric_loss(
     color: torch.Tensor, wanted: torch.Tensor, weight: torch.Tensor | None, ssim_weight: float
 ) -> torch.Tensor:
-    """(1 - w) L1 + w (1 - SSIM) over the trusted pixels (paper Sec. 3.4, L_rgb), a scalar.
+    """(1 - w) L1 + w (1 - SSIM) over the trusted pixels (paper Sec. 3.5, L_rgb), a scalar.
 
     Args:
         color: Rendered RGB, shape (H, W, 3).
@@ -53,7 +53,7 @@ def depth_loss(
 
 
 def align_depth(depth: torch.Tensor, reference: torch.Tensor) -> tuple[float, float]:
-    """Scale and shift that bring one depth to another by least squares (paper Sec. 3.4).
+    """Scale and shift that bring one depth to another by least squares (paper Sec. 3.5).
 
     Args:
         depth: Depth up to scale and shift, shape (M,), finite.

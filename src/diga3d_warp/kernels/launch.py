@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from threading import Lock
 from typing import Any
 
 import warp as wp
@@ -53,15 +54,15 @@ light kernel needs for this many indices."""
 
 _pool: ThreadPoolExecutor | None = None
 _thread_count = 0
+_first_use = Lock()
 
 
 def thread_count() -> int:
     """Number of threads a CPU launch may use; at first the cores this process may run on."""
-    global _thread_count
-    if _thread_count == 0:
-        set_thread_count(
-            len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        )
+    with _first_use:
+        if _thread_count == 0:
+            cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+            set_thread_count(cores or 1)
     return _thread_count
 
 

@@ -133,7 +133,10 @@ class Run:
         partial.mkdir(parents=True, exist_ok=True)
         reset_peak()
         start = time.perf_counter()
-        compute(partial)
+        try:
+            compute(partial)
+        except OSError as error:
+            raise cannot_write(Path(error.filename or partial), error) from error
         timing = {
             "seconds": round(time.perf_counter() - start, 3),
             "peak_mib": peak_mib(),

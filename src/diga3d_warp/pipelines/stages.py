@@ -6,7 +6,6 @@ that was killed and resumed ends with the same bytes as one that was not.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,10 +71,10 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
     def compute(folder: Path) -> None:
         if scene.splat is not None:
             content = read_ply(scene.splat)
-            for note in content.notes:
+            for note in [*content.notes, f"{scene.splat.name} is taken as it is, not fitted again"]:
                 run.note(note)
             content.gaussians.save_ply(folder / GAUSSIANS)
-            write_json(folder / CURVE, [])
+            write_json(folder / CURVE, {"curve": [], "seconds": 0.0})
             return
         targets = [Target(view.camera, torch.from_numpy(view.pixels)) for view in scene.views]
         result = fit(
@@ -85,7 +84,7 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
         _keep_fit(folder, result)
 
     folder = run.stage("fit", compute)
-    run.add_metrics("fit", {"curve": read_json(folder / CURVE, "run again")})
+    run.add_metrics("fit", read_json(folder / CURVE, "run again"))
     return Gaussians.load_ply(folder / GAUSSIANS)
 
 
@@ -139,7 +138,7 @@ def clear_object(
         if rows[votes.total > settings.faint].all():
             raise InputError(f"{scene.path}: the masks lift to every gaussian seen; mask the object only")
         for view in [*scene.views, *scene.test_views]:
-            mask = view.mask if view.mask is not None else object_mask(source, view.camera, rows)
+            mask = view.mask if view.mask is not None else object_mask(source, view.camera, rows, settings)
             write_image(folder / "masks" / f"{view.name}.png", widened(mask, masking))
         left = source.select(~rows)
         widened_masks = [_read_mask(folder / "masks" / f"{view.name}.png") for view in scene.views]
@@ -256,7 +255,7 @@ def refit(
         _keep_fit(folder, result)
 
     folder = run.stage("refit", compute)
-    run.add_metrics("refit", {"curve": read_json(folder / CURVE, "run again")})
+    run.add_metrics("refit", read_json(folder / CURVE, "run again"))
     return Gaussians.load_ply(folder / GAUSSIANS)
 
 
@@ -307,7 +306,7 @@ def widened(mask: np.ndarray, settings: MaskSettings) -> np.ndarray:
 
 def _keep_fit(folder: Path, result: FitResult) -> None:
     result.gaussians.save_ply(folder / GAUSSIANS)
-    write_json(folder / CURVE, json.loads(json.dumps(result.curve)))
+    write_json(folder / CURVE, {"curve": result.curve, "seconds": round(result.seconds, 1)})
     (folder / "checkpoint.pt").unlink(missing_ok=True)
 
 

@@ -64,6 +64,8 @@ class ClassicalPrior:
         for hole in _separate(holes, self.settings.apart):
             for strip in _strips(hole, self.settings):
                 window = _window(strip, hole, self.settings)
+                if remaining[window].all():
+                    window = (slice(None), slice(None))
                 filled = self._fill_window(pixels[window], remaining[window])
                 pixels = pixels.copy()
                 pixels[window] = np.where(strip[window][..., None], filled, pixels[window])

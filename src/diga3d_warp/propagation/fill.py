@@ -1,4 +1,4 @@
-"""Fill the references one after another, then carry their fill to every other view (paper Sec. 3.2, 3.3).
+"""Fill the references one after another, then carry their fill to every other view (paper Sec. 3.3, 3.4).
 
 A reference sees what earlier references invented: their fill is warped in first, and only what is still
 missing is invented anew. So all fills tell one story. Each other view then takes its fill from the reference

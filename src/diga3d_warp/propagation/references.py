@@ -1,4 +1,4 @@
-"""Which views are filled first: K references that stand for all others (paper Sec. 4.1)."""
+"""Which views are filled first: K references that stand for all others (paper Sec. 3.3)."""
 
 from __future__ import annotations
 

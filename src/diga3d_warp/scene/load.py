@@ -16,7 +16,7 @@ from diga3d_warp.scene.capture import Capture, Shot, image_files, image_folders
 from diga3d_warp.scene.colmap import find_reconstruction, read_colmap
 from diga3d_warp.scene.images import choose_folder, read_image, read_images
 from diga3d_warp.scene.llff import read_llff
-from diga3d_warp.scene.masks import MaskFiles, find_masks, mask_notes, read_mask
+from diga3d_warp.scene.masks import MaskFiles, find_masks, mask_notes, read_mask, without_covering
 from diga3d_warp.scene.nerfstudio import read_nerfstudio
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.scene.sfm import map_images, shrink, triangulate
@@ -91,6 +91,7 @@ def load_scene(
     train, test = _split(views, mask_files, hold_out)
     if mask_files.files:
         notes += mask_notes(train, mask_folder or root)
+        train = without_covering(train)
     return Scene(path, capture.kind, train, test, points, tuple(notes), splat, bool(mask_files.ground_truth))
 
 

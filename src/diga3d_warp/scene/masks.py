@@ -162,6 +162,14 @@ def _binary(stored: np.ndarray) -> np.ndarray:
     return grey > 0 if levels else grey > half
 
 
+def without_covering(views: Sequence[View]) -> list[View]:
+    """The views, those whose mask covers everything without it: it tells nothing of the object."""
+    return [
+        view.with_mask(None) if view.mask is not None and view.mask.mean() > TOLERANCE.covering else view
+        for view in views
+    ]
+
+
 def mask_notes(views: Sequence[View], source: Path) -> list[str]:
     """Notes on training views whose mask is missing, empty, or covers everything.
 
@@ -176,9 +184,15 @@ def mask_notes(views: Sequence[View], source: Path) -> list[str]:
     absent = [view.name for view in views if view.mask is None]
     empty = [name for name, value in share.items() if value == 0]
     covering = [name for name, value in share.items() if value > TOLERANCE.covering]
+    if not share:
+        return [f"the masks in {source} belong to held-out views only: no training view has one"]
     if len(empty) == len(share):
         raise InputError(f"{source}: every mask is empty; mark the object in white")
     if len(covering) == len(share):
         raise InputError(f"{source}: every mask covers its whole image; mark the object only, in white")
-    what = (("no mask", absent), ("an empty mask", empty), ("a mask that covers everything", covering))
+    what = (
+        ("no mask", absent),
+        ("an empty mask", empty),
+        ("a mask that covers everything and is not used", covering),
+    )
     return [f"{len(names)} views have {text}: {', '.join(names)}" for text, names in what if names]

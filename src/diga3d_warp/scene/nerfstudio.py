@@ -90,7 +90,7 @@ def read_nerfstudio(root: Path, path: Path) -> Capture:
             cameras.append(_camera({**contents, **frame}))
         except KeyError as error:
             raise InputError(f"{path}: frame {number} lacks {error}; export it again") from None
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, ArithmeticError) as error:
             raise InputError(f"{path}: frame {number}: {error}") from None
         files.append(PurePosixPath(inside(root, name, path)))
 
@@ -104,7 +104,7 @@ def read_nerfstudio(root: Path, path: Path) -> Capture:
     notes = []
     points = None
     if named := contents.get("ply_file_path"):
-        cloud = root / inside(root, named, path)
+        cloud = root / inside(root, str(named), path)
         if cloud.is_file():
             points = read_points(cloud)
         else:

@@ -44,7 +44,7 @@ def optics_of(camera: Camera) -> Optics:
     return _optics(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.distortion)
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def _optics(
     width: int, height: int, fx: float, fy: float, cx: float, cy: float, distortion: Distortion | None
 ) -> Optics:
