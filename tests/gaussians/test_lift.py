@@ -125,13 +125,16 @@ def test_thresholds():
 def test_the_object_mask_is_what_shows_of_it(balls):
     gaussians, first, cameras, masks = balls
     for camera, mask in zip(cameras, masks, strict=True):
-        np.testing.assert_array_equal(object_mask(gaussians, camera, first), mask)
+        np.testing.assert_array_equal(object_mask(gaussians, camera, first, LiftSettings()), mask)
     front = cameras[6]  # from the side of the first ball: it hides most of the second
     assert (
-        object_mask(gaussians, front, ~first).sum()
-        < 0.7 * object_mask(gaussians.select(~first), front, torch.ones(400, dtype=torch.bool)).sum()
+        object_mask(gaussians, front, ~first, LiftSettings()).sum()
+        < 0.7
+        * object_mask(
+            gaussians.select(~first), front, torch.ones(400, dtype=torch.bool), LiftSettings()
+        ).sum()
     )
-    assert not object_mask(gaussians, front, torch.zeros(800, dtype=torch.bool)).any()
+    assert not object_mask(gaussians, front, torch.zeros(800, dtype=torch.bool), LiftSettings()).any()
 
 
 def test_empty_masks_pick_nothing(balls):

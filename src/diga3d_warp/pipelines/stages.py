@@ -74,7 +74,7 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
             for note in [*content.notes, f"{scene.splat.name} is taken as it is, not fitted again"]:
                 run.note(note)
             content.gaussians.save_ply(folder / GAUSSIANS)
-            write_json(folder / CURVE, {"curve": [], "seconds": 0.0})
+            write_json(folder / CURVE, {"curve": []})
             return
         targets = [Target(view.camera, torch.from_numpy(view.pixels)) for view in scene.views]
         result = fit(
@@ -306,7 +306,7 @@ def widened(mask: np.ndarray, settings: MaskSettings) -> np.ndarray:
 
 def _keep_fit(folder: Path, result: FitResult) -> None:
     result.gaussians.save_ply(folder / GAUSSIANS)
-    write_json(folder / CURVE, {"curve": result.curve, "seconds": round(result.seconds, 1)})
+    write_json(folder / CURVE, {"curve": result.curve})
     (folder / "checkpoint.pt").unlink(missing_ok=True)
 
 
