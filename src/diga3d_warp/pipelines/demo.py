@@ -48,13 +48,14 @@ Method = Callable[[View, np.ndarray], torch.Tensor]
 """A view and its widened mask (H, W) to an image without the object, RGB in [0, 1], shape (H, W, 3)."""
 
 
-def run_demo(out: Path) -> Path:
+def run_demo(out: Path, room: SyntheticScene | None = None) -> Path:
     """Generate a room, remove its vase, and compare with the ground truth and two fills of each view alone.
 
     What an earlier call finished is taken up: the scene, and each stage of the run.
 
     Args:
         out: Folder for the scene and the run.
+        room: The room to generate; `ROOM` if None.
 
     Returns:
         The report.
@@ -64,7 +65,7 @@ def run_demo(out: Path) -> Path:
     """
     capture = out / SCENE
     if not capture.exists():
-        generate(ROOM, capture, progress=True)
+        generate(room or ROOM, capture, progress=True)
     scene = load_scene(capture, hold_out=HOLD_OUT, progress=True)
     run = Run(
         out / RUN,
