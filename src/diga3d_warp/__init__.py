@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from diga3d_warp.config import Accuracy, Effects
     from diga3d_warp.errors import InputError
     from diga3d_warp.gaussians.fit import FitSettings, fit
     from diga3d_warp.gaussians.parameters import Gaussians
@@ -21,8 +22,10 @@ if TYPE_CHECKING:
     from diga3d_warp.splatting.reproject import reproject
 
 __all__ = [
+    "Accuracy",
     "Camera",
     "Distortion",
+    "Effects",
     "FitSettings",
     "Gaussians",
     "InputError",
@@ -37,8 +40,10 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Accuracy": "config",
     "Camera": "scene.camera",
     "Distortion": "scene.camera",
+    "Effects": "config",
     "FitSettings": "gaussians.fit",
     "Gaussians": "gaussians.parameters",
     "InputError": "errors",

@@ -6,6 +6,7 @@ Settings of a task stand beside the task: `gaussians.fit.FitSettings`, `pipeline
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 
 @dataclass(frozen=True)
@@ -63,3 +64,73 @@ TILE = 16
 POSE_GROUP = 1024
 """Gaussians that share one row of the camera's gradient. Each group sums on one thread, and the rows are
 added in order, so that the gradient does not depend on the number of threads."""
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """What the renderer gives up for time; the presets are `DRAFT`, `STANDARD` (as 3DGS) and `EXACT`.
+
+    A kernel is compiled for the values that it needs, so a knob costs nothing where it is not turned.
+    `diga3d bench accuracy` measures the error and the time of each.
+
+    Attributes:
+        alpha_min: Contributions below are skipped, and boxes end where alpha falls below it. 3DGS: 1/255.
+        transmittance_min: A pixel is finished before its transmittance falls below. 3DGS: 1e-4.
+        exp_degree: Degree of the polynomial that stands for exp.
+        extent: Box of a splat: that of the ellipse on which alpha reaches `alpha_min`, or of 3DGS's circle
+            of 3 standard deviations along the longer axis.
+        footprint: Projected covariance: EWA's Jacobian at the centre, or the unscented transform, which
+            follows perspective and lens over the whole gaussian.
+        pixel_order: Sort by each pixel's own depths rather than by the depths of centres.
+        precision: Floating-point type of all kernels.
+        sampling: How reprojection reads and writes pixels.
+        supersampling: Reprojected points per pixel side.
+    """
+
+    alpha_min: float = 1.0 / 255.0
+    transmittance_min: float = 1e-4
+    exp_degree: int = 6
+    extent: Literal["ellipse", "circle"] = "ellipse"
+    footprint: Literal["affine", "unscented"] = "affine"
+    pixel_order: bool = False
+    precision: Literal["float32", "float64"] = "float32"
+    sampling: Literal["nearest", "bilinear"] = "bilinear"
+    supersampling: int = 1
+
+    DRAFT: ClassVar[Accuracy]
+    STANDARD: ClassVar[Accuracy]
+    EXACT: ClassVar[Accuracy]
+
+
+Accuracy.DRAFT = Accuracy(alpha_min=1.0 / 64.0, transmittance_min=1e-2, exp_degree=4, sampling="nearest")
+Accuracy.STANDARD = Accuracy()
+Accuracy.EXACT = Accuracy(alpha_min=1e-7, transmittance_min=1e-7, footprint="unscented", pixel_order=True)
+
+
+@dataclass(frozen=True)
+class Effects:
+    """What a scene calls for; an effect that is off is not in the compiled kernels.
+
+    `plan_effects` chooses them from a scene and says why.
+
+    Attributes:
+        sh_degree: Highest degree of spherical harmonics, 0 to 3; all that the gaussians have if None.
+        lens: Follow the camera's lens distortion inside the projection; off, cameras are pinholes.
+        antialias: Scale opacity by what the low-pass widens a splat (Mip-Splatting's 2D filter).
+        depth: Blend expected depth.
+        normals: Blend normals of the gaussians' shortest axes.
+        exposure: Fit an affine colour transform for each image.
+        background: Blend a colour behind all gaussians.
+        pixel_order: As in `Accuracy`, for scenes whose large gaussians pop between views.
+        deterministic: Sums in a fixed order. Always so on CPU, where it is free; on CUDA off means atomics.
+    """
+
+    sh_degree: int | None = None
+    lens: bool = True
+    antialias: bool = False
+    depth: bool = True
+    normals: bool = False
+    exposure: bool = False
+    background: bool = True
+    pixel_order: bool = False
+    deterministic: bool = True
