@@ -4,6 +4,7 @@ import pytest
 import torch
 
 import oracle
+from diga3d_warp.config import Effects
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.splatting.render import Rendering, render
 from scenes import LENSES, camera_at, random_gaussians, single
@@ -93,7 +94,7 @@ def test_depth_is_of_what_is_drawn_not_of_the_background():
 
 def test_without_depth_the_colors_are_the_same():
     gaussians = random_gaussians()
-    full, bare = render(gaussians, camera_at()), render(gaussians, camera_at(), with_depth=False)
+    full, bare = render(gaussians, camera_at()), render(gaussians, camera_at(), effects=Effects(depth=False))
     assert torch.equal(full.color, bare.color)
     assert not bare.depth.any() and full.depth.any()
 
@@ -101,6 +102,20 @@ def test_without_depth_the_colors_are_the_same():
 def test_a_lower_degree_ignores_the_higher_terms():
     gaussians = random_gaussians()
     flat = Gaussians(**{**dict(gaussians.named()), "sh": gaussians.sh[:, :1]})
-    low = render(gaussians, camera_at(), sh_degree=0)
+    low = render(gaussians, camera_at(), effects=Effects(sh_degree=0))
     torch.testing.assert_close(low.color, render(flat, camera_at()).color)
     assert (low.color - render(gaussians, camera_at()).color).abs().max() > 0.05
+
+
+def test_without_its_lens_a_camera_is_a_pinhole():
+    gaussians = random_gaussians()
+    bare = render(gaussians, camera_at("brown"), effects=Effects(lens=False)).color
+    assert torch.equal(bare, render(gaussians, camera_at("none")).color)
+    assert (bare - render(gaussians, camera_at("brown")).color).abs().max() > 0.05
+
+
+def test_without_a_background_none_is_blended():
+    gaussians = random_gaussians()
+    bare = render(gaussians, camera_at(), effects=Effects(background=False), background=BACKGROUND).color
+    assert torch.equal(bare, render(gaussians, camera_at()).color)
+    assert (bare - render(gaussians, camera_at(), background=BACKGROUND).color).abs().max() > 0.1

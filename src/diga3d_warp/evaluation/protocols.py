@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.metrics import Score, compare, mean_scores
 from diga3d_warp.evaluation.record import CAMERAS, REMEDY, RESULT, SOURCE, add_metrics, read_manifest
@@ -221,7 +222,7 @@ def _renderer(path: Path) -> Callable[[Camera], torch.Tensor]:
 
     def draw(camera: Camera) -> torch.Tensor:
         with torch.no_grad():
-            return render(gaussians, camera, with_depth=False).color
+            return render(gaussians, camera, effects=Effects(depth=False)).color
 
     return draw
 

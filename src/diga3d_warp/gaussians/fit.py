@@ -10,6 +10,7 @@ from typing import Any
 
 import torch
 
+from diga3d_warp.config import Effects
 from diga3d_warp.files import whole_file
 from diga3d_warp.gaussians.density import DensitySettings, relocate_and_grow, walk
 from diga3d_warp.gaussians.losses import depth_loss, photometric_loss
@@ -187,7 +188,7 @@ class _Fit:
         degree = sum(done >= part for part in s.sh_steps)
         gaussians = self.optimiser.gaussians()
         with_depth = s.depth_weight > 0.0 and target.depth is not None
-        rendering = render(gaussians, target.camera, sh_degree=degree, with_depth=with_depth)
+        rendering = render(gaussians, target.camera, effects=Effects(sh_degree=degree, depth=with_depth))
         wanted = target.color
         loss = photometric_loss(rendering.color, wanted, target.weight, s.ssim_weight)
         if with_depth:

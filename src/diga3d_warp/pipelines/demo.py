@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from diga3d_warp.config import Effects
 from diga3d_warp.evaluation.metrics import Score, compare, mean_scores
 from diga3d_warp.evaluation.protocols import evaluate
 from diga3d_warp.evaluation.record import MANIFEST, add_metrics
@@ -92,7 +93,7 @@ def _against_truth(scene: Scene, result: RemoveResult) -> Table:
 
     def rendered(view: View, _: np.ndarray) -> torch.Tensor:
         with torch.no_grad():
-            return render(result.gaussians, view.camera, with_depth=False).color
+            return render(result.gaussians, view.camera, effects=Effects(depth=False)).color
 
     methods: dict[str, Method] = {
         "mean colour of each view": lambda view, mask: mean_color_fill(view.image, torch.from_numpy(mask)),

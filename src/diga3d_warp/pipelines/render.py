@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
+from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.paths import fly_through
 from diga3d_warp.evaluation.record import CAMERAS, RESULT, read_manifest
@@ -112,7 +113,7 @@ def _render(ply: Path, cameras: list[Camera]) -> Iterator[np.ndarray]:
     gaussians = Gaussians.load_ply(ply)
     for camera in tqdm(cameras, desc="render", unit="frame"):
         with torch.no_grad():
-            yield to_bytes(render(gaussians, camera, with_depth=False).color)
+            yield to_bytes(render(gaussians, camera, effects=Effects(depth=False)).color)
 
 
 def _write_frames(out: Path, pictures: Iterable[np.ndarray]) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.record import CAMERAS, RESULT, SOURCE
 from diga3d_warp.files import read_json, to_bytes, write_image, write_json
@@ -292,7 +293,7 @@ def _publish_pictures(run: Run, source: Path, name: str) -> None:
 def picture(gaussians: Gaussians, camera: Camera) -> np.ndarray:
     """A rendering as an 8-bit image, shape (H, W, 3)."""
     with torch.no_grad():
-        return to_bytes(render(gaussians, camera, with_depth=False).color)
+        return to_bytes(render(gaussians, camera, effects=Effects(depth=False)).color)
 
 
 def widened(mask: np.ndarray, settings: MaskSettings) -> np.ndarray:

@@ -104,6 +104,10 @@ class Camera:
             cy=self.cy * sy,
         )
 
+    def without_lens(self) -> Camera:
+        """The pinhole camera with the same intrinsics."""
+        return replace(self, distortion=None)
+
     def with_pose(self, world_to_camera: torch.Tensor | np.ndarray) -> Camera:
         """The same camera at another pose."""
         return replace(self, world_to_camera=torch.as_tensor(world_to_camera))

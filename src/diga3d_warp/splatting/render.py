@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 
+from diga3d_warp.config import Accuracy, Effects
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.composite import composite
 from diga3d_warp.splatting.project import Projection, project
@@ -36,9 +37,9 @@ def render(
     gaussians: Gaussians,
     camera: Camera,
     *,
+    effects: Effects = Effects(),
+    accuracy: Accuracy = Accuracy.STANDARD,
     background: Sequence[float] | torch.Tensor = (0.0, 0.0, 0.0),
-    sh_degree: int | None = None,
-    with_depth: bool = True,
 ) -> Rendering:
     """Render gaussians from a camera.
 
@@ -47,23 +48,28 @@ def render(
     Args:
         gaussians: N gaussians, on CPU or CUDA.
         camera: Pinhole or with lens distortion, which is applied inside the projection.
-        background: RGB behind all gaussians, three numbers or a tensor of shape (3,).
-        sh_degree: Highest degree of spherical harmonics; all that the gaussians have if None.
-        with_depth: Blend depth too. Without, `depth` is zero and costs nothing.
+        effects: What to simulate; what is off costs nothing. Without depth, `depth` is zero.
+        accuracy: What to give up for time.
+        background: RGB behind all gaussians, three numbers or a tensor of shape (3,); not read where the
+            effect is off.
 
     Raises:
         ValueError: the coefficients' shape is not one of degree 0 to 3.
     """
     degree = degree_of(gaussians.sh)
-    if sh_degree is not None:
-        degree = min(degree, sh_degree)
+    if effects.sh_degree is not None:
+        degree = min(degree, effects.sh_degree)
+    if not effects.lens:
+        camera = camera.without_lens()
     projection = project(
         gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, camera
     )
     colors = shade(gaussians.means, gaussians.sh, projection.extents, camera, degree)
-    blended = composite(projection, colors, camera.width, camera.height, with_depth=with_depth)
-    behind = torch.as_tensor(background, dtype=torch.float32, device=gaussians.means.device)
-    color = blended.color + blended.transmittance[..., None] * behind
+    blended = composite(projection, colors, camera.width, camera.height, with_depth=effects.depth)
+    color = blended.color
+    if effects.background:
+        behind = torch.as_tensor(background, dtype=color.dtype, device=color.device)
+        color = color + blended.transmittance[..., None] * behind
     alpha = 1.0 - blended.transmittance
     # alpha is 0 or at least 1/255: the floor only replaces a division of 0 by 0.
     depth = blended.depth_sum / alpha.clamp_min(1e-6)
