@@ -14,7 +14,7 @@ import numpy as np
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.colmap import posed_reconstruction
+from diga3d_warp.scene.colmap import load_pycolmap, posed_reconstruction
 from diga3d_warp.scene.colmap_files import camera_from_model
 from diga3d_warp.scene.images import resize_image
 from diga3d_warp.scene.scene import Points
@@ -59,7 +59,7 @@ def triangulate(images: Mapping[str, np.ndarray], cameras: Mapping[str, Camera],
     Returns:
         Points in the frame of the poses; none if no features matched.
     """
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     _tell(f"triangulating points from {len(images)} images with known poses", progress)
     with _workspace(images) as (folder, database):
@@ -106,7 +106,7 @@ def map_images(images: Mapping[str, np.ndarray], progress: bool) -> tuple[dict[s
     Raises:
         InputError: the images could not be registered.
     """
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     _tell(f"recovering the poses of {len(images)} images: this takes minutes", progress)
     with _workspace(images) as (folder, database):
@@ -162,7 +162,8 @@ def _workspace(images: Mapping[str, np.ndarray]) -> Iterator[tuple[Path, Path]]:
     COLMAP's log is silent below errors within the block.
     """
     import cv2
-    import pycolmap
+
+    pycolmap = load_pycolmap()
 
     level = pycolmap.logging.minloglevel
     pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
@@ -181,7 +182,7 @@ def _workspace(images: Mapping[str, np.ndarray]) -> Iterator[tuple[Path, Path]]:
 
 
 def _extraction() -> pycolmap.FeatureExtractionOptions:
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     options = pycolmap.FeatureExtractionOptions()
     options.sift.max_num_features = BUDGET.features
@@ -189,7 +190,7 @@ def _extraction() -> pycolmap.FeatureExtractionOptions:
 
 
 def _verification() -> pycolmap.TwoViewGeometryOptions:
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed = BUDGET.seed
@@ -197,7 +198,7 @@ def _verification() -> pycolmap.TwoViewGeometryOptions:
 
 
 def _mapping() -> pycolmap.IncrementalPipelineOptions:
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = options.mapper.random_seed = BUDGET.seed
@@ -210,7 +211,7 @@ def _mapping() -> pycolmap.IncrementalPipelineOptions:
 
 def _refine(reconstruction: pycolmap.Reconstruction) -> None:
     """Adjust poses, points, focal lengths and distortion together."""
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
