@@ -1,18 +1,27 @@
-"""What the pipelines ask of a prior: fill the masked part of one image."""
+"""What the pipelines ask of a prior: fill one image; of a diffusion prior also noise estimates."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import torch
 
 from diga3d_warp.errors import InputError
 
+if TYPE_CHECKING:
+    from diga3d_warp.priors.attention import AttentionBank
+    from diga3d_warp.priors.schedule import Schedule
+
+Task = Literal["remove", "retexture", "replace"]
+"""What the prompts are for. Priors whose prompts do not depend on it ignore it."""
+
 
 class Prior(Protocol):
     """Knowledge of what images look like, used to invent what no photograph shows.
 
-    `fill` is all that the classical prior has. Diffusion priors also offer noise estimates, for attention
+    `fill` is all that the classical prior has. `DiffusionPrior` also offers noise estimates, for attention
     propagation and score distillation; a pipeline that needs them asks for them, not for a class.
     """
 
@@ -35,6 +44,154 @@ class Prior(Protocol):
         Raises:
             InputError: the mask covers everything, or the shapes do not fit.
         """
+        ...
+
+
+@dataclass(frozen=True)
+class Prompts:
+    """What the positive and the negative prompt (Tp and Tn in the paper) mean to one prior.
+
+    Attributes:
+        positive: What to go towards, in the prior's own form: text embeddings, or a set of patches.
+        negative: What to go away from, in the same form; without a negative prompt, the empty prompt.
+    """
+
+    positive: Any
+    negative: Any
+
+
+@dataclass(frozen=True)
+class Conditioning:
+    """What a prior is told about the known part of B images.
+
+    Attributes:
+        latent: The clean images as latents, shape (B, C, h, w).
+        mask: 1 where to invent, shape (B, 1, h, w).
+        channels: What else the model is given for each cell, shape (B, C', h, w), or None. For a 9-channel
+            inpainting UNet mask and masked latents; what another prior puts here is its own affair.
+    """
+
+    latent: torch.Tensor
+    mask: torch.Tensor
+    channels: torch.Tensor | None = None
+
+    def rows(self, start: int, stop: int, device: torch.device) -> Conditioning:
+        """The conditioning of some of the images, on a device."""
+        channels = None if self.channels is None else self.channels[start:stop].to(device)
+        return Conditioning(self.latent[start:stop].to(device), self.mask[start:stop].to(device), channels)
+
+
+@dataclass(frozen=True)
+class Control:
+    """An image that the generated one has to follow (ControlNet).
+
+    Attributes:
+        kind: Edges (0 or 1), or inverse depth in [0, 1] with near bright, as ControlNet was trained.
+        image: One channel for each of B images, shape (B, H, W), float32 in [0, 1].
+        scale: Weight of the control [1]. The paper: edges 0.8, depth 1.0.
+    """
+
+    kind: Literal["edges", "depth"]
+    image: torch.Tensor
+    scale: float
+
+    def rows(self, start: int, stop: int, device: torch.device) -> Control:
+        """The control of some of the images, on a device."""
+        return Control(self.kind, self.image[start:stop].to(device), self.scale)
+
+
+class DiffusionPrior(Prior, Protocol):
+    """A prior that estimates noise in latents.
+
+    For a prior that works on pixels the latent is the image in [-1, 1], shape (B, 3, H, W). Sampling,
+    guidance, inversion and score distillation use only what is listed here, so they are written once.
+    """
+
+    @property
+    def schedule(self) -> Schedule:
+        """Noise levels that the prior knows."""
+        ...
+
+    @property
+    def device(self) -> torch.device:
+        """Where latents belong."""
+        ...
+
+    @property
+    def mask_aware(self) -> bool:
+        """Whether `predict_noise` heeds the known part itself.
+
+        If not, sampling puts the known part, as noisy as the rest, back after each step.
+        """
+        ...
+
+    def native_size(self, height: int, width: int) -> tuple[int, int]:
+        """Height and width [px] at which to give the prior an image of this size; latents need no padding."""
+        ...
+
+    def encode_image(self, images: torch.Tensor) -> torch.Tensor:
+        """Latents of images of a native size.
+
+        Args:
+            images: RGB in [0, 1], shape (B, H, W, 3). Carries gradient.
+
+        Returns:
+            Latents, shape (B, C, h, w), scaled to about unit variance.
+        """
+        ...
+
+    def decode_latent(self, z: torch.Tensor) -> torch.Tensor:
+        """Images in [0, 1], shape (B, H, W, 3), of latents, shape (B, C, h, w), which carry gradient."""
+        ...
+
+    def encode_prompts(self, positive: str, negative: str, task: Task) -> Prompts:
+        """What the prompts mean to this prior.
+
+        Raises:
+            InputError: a prompt that the prior does not understand.
+        """
+        ...
+
+    def conditioning(self, images: torch.Tensor, masks: torch.Tensor) -> Conditioning:
+        """Describe the known part.
+
+        Args:
+            images: RGB in [0, 1], shape (B, H, W, 3), of a native size.
+            masks: True where to invent, shape (B, H, W), bool.
+        """
+        ...
+
+    def embed_images(self, images: torch.Tensor) -> Any:
+        """`image_embeds` for `predict_noise`, of images (B, H, W, 3); None without an image encoder."""
+        ...
+
+    def predict_noise(
+        self,
+        z: torch.Tensor,
+        t: int,
+        text: Any,
+        cond: Conditioning | None = None,
+        controls: Sequence[Control] = (),
+        image_embeds: Any = None,
+    ) -> torch.Tensor:
+        """The noise that `z` holds, whatever the model itself predicts.
+
+        Args:
+            z: Noisy latents, shape (B, C, h, w).
+            t: Timestep of `schedule`.
+            text: `Prompts.positive` or `Prompts.negative`, for all B images. The two halves of
+                classifier-free guidance come in two calls, so that attention banks keep them apart.
+            cond: Known part, B rows. None only for a prior that is not `mask_aware`.
+            controls: Images to follow, B rows each.
+            image_embeds: From `embed_images`, for all B images: the image that they should look like.
+
+        Returns:
+            Noise, shape (B, C, h, w): z = sqrt(abar_t) x + sqrt(1 - abar_t) noise.
+        """
+        ...
+
+    def install_attention(self, bank: AttentionBank | None) -> None:
+        """Let every self-attention pass through `bank.attend`; None takes the last bank out again."""
         ...
 
 
