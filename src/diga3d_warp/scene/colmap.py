@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,18 +17,6 @@ from diga3d_warp.scene.scene import Points
 
 if TYPE_CHECKING:
     import pycolmap
-
-
-def load_pycolmap() -> Any:
-    """pycolmap, loaded after OpenCV.
-
-    The other way round, OpenCV writes PNG files with one copy of zlib and frees its memory with another, and
-    the process aborts (seen with pycolmap 4.2 and OpenCV 5.0).
-    """
-    import cv2  # noqa: F401
-    import pycolmap
-
-    return pycolmap
 
 
 # Where COLMAP, nerfstudio and people put a reconstruction, below the scene folder.
@@ -87,7 +75,7 @@ def posed_reconstruction(cameras: Mapping[str, Camera]) -> pycolmap.Reconstructi
         cameras: Camera of each image, keyed by image name with its ending. Identifiers count from 1 in
             sorted order of the names.
     """
-    pycolmap = load_pycolmap()
+    import pycolmap
 
     reconstruction = pycolmap.Reconstruction()
     for number, name in enumerate(sorted(cameras), start=1):
@@ -112,7 +100,7 @@ def write_colmap(folder: Path, cameras: Mapping[str, Camera], points: Points, su
         points: Sparse points; written without tracks.
         suffix: Ending of the image files.
     """
-    pycolmap = load_pycolmap()
+    import pycolmap
 
     reconstruction = posed_reconstruction({name + suffix: camera for name, camera in cameras.items()})
     for position, color in zip(points.positions, points.colors, strict=True):

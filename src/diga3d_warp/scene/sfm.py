@@ -14,7 +14,7 @@ import numpy as np
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.colmap import load_pycolmap, posed_reconstruction
+from diga3d_warp.scene.colmap import posed_reconstruction
 from diga3d_warp.scene.colmap_files import camera_from_model
 from diga3d_warp.scene.images import resize_image
 from diga3d_warp.scene.scene import Points
@@ -59,7 +59,7 @@ def triangulate(images: Mapping[str, np.ndarray], cameras: Mapping[str, Camera],
     Returns:
         Points in the frame of the poses; none if no features matched.
     """
-    pycolmap = load_pycolmap()
+    import pycolmap
 
     _tell(f"triangulating points from {len(images)} images with known poses", progress)
     with _workspace(images) as (folder, database):
@@ -106,7 +106,7 @@ def map_images(images: Mapping[str, np.ndarray], progress: bool) -> tuple[dict[s
     Raises:
         InputError: the images could not be registered.
     """
-    pycolmap = load_pycolmap()
+    import pycolmap
 
     _tell(f"recovering the poses of {len(images)} images: this takes minutes", progress)
     with _workspace(images) as (folder, database):
@@ -162,8 +162,7 @@ def _workspace(images: Mapping[str, np.ndarray]) -> Iterator[tuple[Path, Path]]:
     COLMAP's log is silent below errors within the block.
     """
     import cv2
-
-    pycolmap = load_pycolmap()
+    import pycolmap
 
     level = pycolmap.logging.minloglevel
     pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
@@ -182,7 +181,7 @@ def _workspace(images: Mapping[str, np.ndarray]) -> Iterator[tuple[Path, Path]]:
 
 
 def _extraction() -> pycolmap.FeatureExtractionOptions:
-    pycolmap = load_pycolmap()
+    import pycolmap
 
     options = pycolmap.FeatureExtractionOptions()
     options.sift.max_num_features = BUDGET.features
@@ -190,7 +189,7 @@ def _extraction() -> pycolmap.FeatureExtractionOptions:
 
 
 def _verification() -> pycolmap.TwoViewGeometryOptions:
-    pycolmap = load_pycolmap()
+    import pycolmap
 
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed = BUDGET.seed
@@ -198,7 +197,7 @@ def _verification() -> pycolmap.TwoViewGeometryOptions:
 
 
 def _mapping() -> pycolmap.IncrementalPipelineOptions:
-    pycolmap = load_pycolmap()
+    import pycolmap
 
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = options.mapper.random_seed = BUDGET.seed
@@ -211,7 +210,7 @@ def _mapping() -> pycolmap.IncrementalPipelineOptions:
 
 def _refine(reconstruction: pycolmap.Reconstruction) -> None:
     """Adjust poses, points, focal lengths and distortion together."""
-    pycolmap = load_pycolmap()
+    import pycolmap
 
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
