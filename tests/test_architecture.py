@@ -14,7 +14,7 @@ PROJECT = Path(__file__).parents[1]
 RANKS = (
     {"errors", "config", "process"},
     {"files"},
-    {"kernels"},
+    {"kernels", "materials"},
     {"scene"},
     {"splatting"},
     {"gaussians", "priors"},

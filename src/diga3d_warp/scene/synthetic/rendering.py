@@ -9,9 +9,10 @@ import warp as wp
 
 from diga3d_warp.kernels.raycast import Hits, nearest_hits
 from diga3d_warp.kernels.texturing import hit_colors, pyramid
+from diga3d_warp.materials.painting import GAMMA
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.synthetic.lighting import DEVICE, warp_mesh
-from diga3d_warp.scene.synthetic.materials import GAMMA, MATERIALS, texture
+from diga3d_warp.scene.synthetic.materials import MATERIALS, texture
 from diga3d_warp.scene.synthetic.solids import Surface
 
 
