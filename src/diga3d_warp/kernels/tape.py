@@ -150,12 +150,12 @@ def composite(
         wp.zeros(width * height, dtype=dtype, device=device, requires_grad=True)
         for dtype in (wp.vec3, float, float)
     ]
-    compositing.composite(bins, width, height, arrays, outputs, with_depth=with_depth)
+    changes = compositing.composite(bins, width, height, arrays, outputs, with_depth=with_depth)
     moved = [splats.centers, splats.conics, splats.opacities, colors, splats.depths]
 
     def adjoint() -> None:
         compositing_adjoint.composite_adjoint(
-            bins, width, height, arrays, outputs, [array.grad for array in outputs],
+            bins, width, height, arrays, outputs, changes, [array.grad for array in outputs],
             [_gradient(array) for array in moved], with_depth=with_depth,
         )  # fmt: skip
         _use_up(outputs)

@@ -70,7 +70,9 @@ class _Composite(torch.autograd.Function):
         depth_sum = centers.new_zeros((height, width))
         transmittance = centers.new_empty((height, width))
         outputs = (color, depth_sum, transmittance)
-        compositing.composite(bins, width, height, *_arguments(splats, outputs), with_depth=with_depth)
+        ctx.changes = compositing.composite(
+            bins, width, height, *_arguments(splats, outputs), with_depth=with_depth
+        )
         ctx.save_for_backward(*splats, *outputs)
         ctx.bins, ctx.with_depth = bins, with_depth
         return outputs
@@ -87,6 +89,7 @@ class _Composite(torch.autograd.Function):
             outputs[0].shape[1],
             outputs[0].shape[0],
             *_arguments(splats, outputs),
+            ctx.changes,
             _flat(adj_outputs),
             [
                 warp_array(grad, dtype)
