@@ -12,10 +12,13 @@ Invariants
 
 from __future__ import annotations
 
+import copy
 import os
+import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from itertools import pairwise
 from threading import Lock
 from typing import Any
@@ -46,13 +49,14 @@ not replay dynamic loops, and their automatic adjoints are silently wrong."""
 
 UNEVEN_RANGES = 4
 """Ranges per thread of a launch whose indices differ in cost: enough that a slow range does not keep the
-other threads waiting. Even launches get one range per thread: recording a range takes 50 to 100 us."""
+other threads waiting. Even launches get one range per thread."""
 
 SERIAL_BELOW = 2048
 """Indices under which one range runs on the calling thread: waking a worker costs about 50 us, as much as a
 light kernel needs for this many indices."""
 
 _pool: ThreadPoolExecutor | None = None
+_timings: list[tuple[str, float]] | None = None
 _thread_count = 0
 _first_use = Lock()
 
@@ -112,38 +116,66 @@ def launch(
     """
     if dim == 0:
         return
+    started = time.perf_counter()
     device = wp.get_device(device)
     zero = [0] if adjoint else []
-    arguments: dict[str, Any] = {
-        "outputs": list(outputs),
-        "adj_inputs": zero + list(adj_inputs),
-        "adj_outputs": list(adj_outputs),
-        "adjoint": adjoint,
-        "device": device,
-        "record_tape": False,
-    }
+    whole = wp.launch(
+        kernel, dim, inputs=[0, *inputs], outputs=list(outputs),
+        adj_inputs=zero + list(adj_inputs), adj_outputs=list(adj_outputs), adjoint=adjoint,
+        device=device, record_tape=False, record_cmd=True,
+    )  # fmt: skip
     threads = thread_count() if device.is_cpu else 1
     if threads == 1 or dim * work < SERIAL_BELOW:
-        wp.launch(kernel, dim, inputs=[0, *inputs], **arguments)
-        return
-    blocks = -(-dim // align)
-    count = min(blocks, threads * (UNEVEN_RANGES if uneven else 1))
-    edges = [min(dim, blocks * k // count * align) for k in range(count + 1)]
-    ranges = deque(
-        wp.launch(kernel, end - start, inputs=[start, *inputs], record_cmd=True, **arguments)
-        for start, end in pairwise(edges)
-    )
+        whole.launch()
+    else:
+        blocks = -(-dim // align)
+        count = min(blocks, threads * (UNEVEN_RANGES if uneven else 1))
+        edges = [min(dim, blocks * k // count * align) for k in range(count + 1)]
+        _share(deque(_part(whole, start, end) for start, end in pairwise(edges)), threads)
+    if _timings is not None:
+        name = f"{kernel.key} adjoint" if adjoint else kernel.key
+        _timings.append((name, time.perf_counter() - started))
+
+
+def _part(whole: wp.Launch, start: int, end: int) -> wp.Launch:
+    """The same launch over indices from `start` to `end` alone.
+
+    Recording it anew would pack every argument again, 50 to 100 us.
+    """
+    part = copy.copy(whole)
+    part.params, part.fwd_args = list(whole.params), list(whole.fwd_args)
+    part.set_dim(end - start)
+    part.set_param_at_index(0, start)
+    return part
+
+
+def _share(parts: deque[wp.Launch], threads: int) -> None:
+    """Run all parts, each on the thread that is free first, this one among them."""
 
     def drain() -> None:
         while True:
             try:
-                command = ranges.popleft()
+                part = parts.popleft()
             except IndexError:
                 return
-            command.launch()
+            part.launch()
 
     assert _pool is not None
     helpers = [_pool.submit(drain) for _ in range(threads - 1)]
     drain()
     for helper in helpers:
         helper.result()
+
+
+@contextmanager
+def timed_launches() -> Iterator[list[tuple[str, float]]]:
+    """Collect name and wall time [s] of every launch in the block; adjoints are called "NAME adjoint".
+
+    For measurements on CPU: on CUDA a launch returns before its kernel has run.
+    """
+    global _timings
+    before, _timings = _timings, []
+    try:
+        yield _timings
+    finally:
+        _timings = before
