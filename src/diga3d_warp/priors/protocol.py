@@ -75,10 +75,11 @@ class Conditioning:
     mask: torch.Tensor
     channels: torch.Tensor | None = None
 
-    def rows(self, start: int, stop: int, device: torch.device) -> Conditioning:
+    def rows(self, rows: Sequence[int], device: torch.device) -> Conditioning:
         """The conditioning of some of the images, on a device."""
-        channels = None if self.channels is None else self.channels[start:stop].to(device)
-        return Conditioning(self.latent[start:stop].to(device), self.mask[start:stop].to(device), channels)
+        chosen = list(rows)
+        channels = None if self.channels is None else self.channels[chosen].to(device)
+        return Conditioning(self.latent[chosen].to(device), self.mask[chosen].to(device), channels)
 
 
 @dataclass(frozen=True)
@@ -95,9 +96,9 @@ class Control:
     image: torch.Tensor
     scale: float
 
-    def rows(self, start: int, stop: int, device: torch.device) -> Control:
+    def rows(self, rows: Sequence[int], device: torch.device) -> Control:
         """The control of some of the images, on a device."""
-        return Control(self.kind, self.image[start:stop].to(device), self.scale)
+        return Control(self.kind, self.image[list(rows)].to(device), self.scale)
 
 
 class DiffusionPrior(Prior, Protocol):

@@ -33,16 +33,23 @@ class Schedule:
     def __len__(self) -> int:
         return len(self.alphas_cumprod)
 
-    def timesteps(self, steps: int) -> list[int]:
+    def timesteps(self, steps: int, strength: float = 1.0) -> list[int]:
         """Timesteps of a sampling, falling, evenly spaced from `offset` up ("leading").
+
+        Args:
+            steps: Number of them from pure noise.
+            strength: Share of them to take, from the clean end [1].
 
         Raises:
             InputError: fewer than one step, or more than there are timesteps.
         """
+        taken = int(steps * strength)
         if not 1 <= steps <= len(self):
             raise InputError(f"{steps} diffusion steps are not between 1 and {len(self)}: 20 to 50 are usual")
+        if not 1 <= taken <= steps:
+            raise InputError(f"strength {strength} takes none or too many of {steps} steps: give up to 1")
         stride = len(self) // steps
-        return [min(k * stride + self.offset, len(self) - 1) for k in reversed(range(steps))]
+        return [min(k * stride + self.offset, len(self) - 1) for k in reversed(range(taken))]
 
     def alpha(self, t: int | None) -> float:
         """abar at a timestep; None is the end of sampling."""
@@ -57,6 +64,11 @@ class Schedule:
         """The clean latents that `z` at `t` holds if its noise is `noise`."""
         alpha = self.alpha(t)
         return (z - (1.0 - alpha) ** 0.5 * noise) / alpha**0.5
+
+    def noise_between(self, z: torch.Tensor, x: torch.Tensor, t: int) -> torch.Tensor:
+        """The noise that makes latents `z` at `t` of clean ones `x`."""
+        alpha = self.alpha(t)
+        return (z - alpha**0.5 * x) / (1.0 - alpha) ** 0.5
 
     def step(self, z: torch.Tensor, noise: torch.Tensor, t: int | None, to: int | None) -> torch.Tensor:
         """Deterministic DDIM step (eta = 0) from one timestep to another, up or down.

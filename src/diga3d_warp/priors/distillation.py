@@ -1,0 +1,111 @@
+"""Texture-geometry score distillation (TG-SDS, paper Sec. 3.3).
+
+The gradient that a diffusion prior gives to rendered images: w(t) (estimated noise - added noise), under
+edges and depth warped from the reference views, on masked pixels only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.priors.guidance import Guidance, guided_noise
+from diga3d_warp.priors.protocol import Control, DiffusionPrior
+from diga3d_warp.priors.schedule import Schedule
+from diga3d_warp.priors.views import resize_images, resize_masks
+
+
+@dataclass(frozen=True)
+class DistillationSettings:
+    """Which timesteps score distillation draws.
+
+    Attributes:
+        t_min: Least noisy timestep [share of the schedule]. DreamFusion: 0.02.
+        t_max: Noisiest timestep [share of the schedule]. DreamFusion: 0.98.
+        annealed: Timesteps fall as the optimisation goes on, t_max - (t_max - t_min) sqrt(progress)
+            (MVIP-NeRF, DreamTime); otherwise they are drawn evenly from the range, as the paper writes.
+    """
+
+    t_min: float = 0.02
+    t_max: float = 0.98
+    annealed: bool = True
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.t_min < self.t_max <= 1.0:
+            raise InputError(f"timesteps from {self.t_min} to {self.t_max} are no range within 0 to 1")
+
+
+def distillation_timestep(
+    schedule: Schedule, progress: float, settings: DistillationSettings, generator: torch.Generator
+) -> int:
+    """Timestep of one optimisation step.
+
+    Args:
+        schedule: Noise levels of the prior.
+        progress: How far the optimisation is, in [0, 1].
+        settings: Range and annealing.
+        generator: Drawn from only if timesteps are not annealed.
+    """
+    span = settings.t_max - settings.t_min
+    if settings.annealed:
+        share = settings.t_max - span * progress**0.5
+    else:
+        share = settings.t_min + span * float(torch.rand((), generator=generator))
+    return min(int(share * len(schedule)), len(schedule) - 1)
+
+
+def distillation_loss(
+    prior: DiffusionPrior,
+    images: torch.Tensor,
+    masks: torch.Tensor,
+    guidance: Guidance,
+    controls: Sequence[Control] = (),
+    *,
+    t: int,
+    generator: torch.Generator,
+) -> torch.Tensor:
+    """A scalar whose gradient is that of score distillation (Eq. 2; paper Sec. 3.3, Multi-View SDS Loss).
+
+    With w(t) = 1 - abar_t. Its value is half the squared norm of that gradient on the latents, averaged over
+    the images: a figure to plot, not one that falls steadily.
+
+    The gradient is masked on the images, before they are encoded: masked on the latents it would leak to
+    unmasked pixels, because each latent cell is encoded from a wide neighbourhood.
+
+    Args:
+        prior: What estimates noise. One that is mask-aware is told mask and unmasked pixels (the paper's m_i
+            as an input); for another the mask gates the gradient only.
+        images: Rendered, RGB in [0, 1], shape (B, H, W, 3). Carries gradient, exactly zero outside `masks`.
+        masks: True where the edit is, shape (B, H, W), bool.
+        guidance: Prompts and their weight.
+        controls: Texture and depth map warped from the reference of the view's cluster, B rows each.
+        t: Timestep, from `distillation_timestep`.
+        generator: Of the added noise, on the host.
+
+    Raises:
+        InputError: shapes do not fit.
+    """
+    if images.ndim != 4 or images.shape[3] != 3 or masks.shape != images.shape[:3]:
+        raise InputError(
+            f"images {tuple(images.shape)} and masks {tuple(masks.shape)} do not fit: "
+            "give (B, H, W, 3) and (B, H, W)"
+        )
+    inside = masks[..., None].to(images)
+    gated = images * inside + images.detach() * (1.0 - inside)
+    size = prior.native_size(*images.shape[1:3])
+    pixels = resize_images(gated, size)
+    z = prior.encode_image(pixels)
+    with torch.no_grad():
+        cond = prior.conditioning(pixels, resize_masks(masks, size))
+        followed = [
+            Control(c.kind, resize_images(c.image[..., None], size)[..., 0], c.scale) for c in controls
+        ]
+        noise = torch.randn(z.shape, generator=generator).to(z)
+        noisy = prior.schedule.add_noise(z, noise, t)
+        estimate = guided_noise(prior, noisy, t, guidance, cond, followed)
+        weight = 1.0 - prior.schedule.alpha(t)
+        goal = z - torch.nan_to_num(weight * (estimate - noise))
+    return 0.5 * (z - goal).square().sum() / len(images)

@@ -1,0 +1,51 @@
+"""DDIM inversion: the noise from which sampling returns to an image (paper Sec. 3.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+
+from diga3d_warp.priors.protocol import Conditioning, Control, DiffusionPrior
+
+
+@torch.no_grad()
+def invert(
+    prior: DiffusionPrior,
+    z: torch.Tensor,
+    text: Any,
+    cond: Conditioning | None = None,
+    controls: Sequence[Control] = (),
+    *,
+    steps: int,
+    strength: float = 1.0,
+    fixed_point: bool = True,
+) -> torch.Tensor:
+    """Run DDIM backwards, from clean latents to noise, without guidance.
+
+    A step up needs the noise estimate at its end, which is not yet known. The plain inversion (Song et al.
+    2021) takes the estimate for the latents at its start; one fixed-point iteration repeats the step with the
+    estimate for the latents that it led to, and costs as much again.
+
+    Args:
+        prior: What estimates noise.
+        z: Clean latents, shape (B, C, h, w).
+        text: `Prompts.positive` or `Prompts.negative`: what the image shows, not what it shall become.
+        cond: Known part, B rows.
+        controls: Images that sampling will follow, B rows each.
+        steps: Of the sampling that will return; the same number leads back.
+        strength: Share of the way to pure noise [1]; as in the sampling that will return.
+        fixed_point: Whether to iterate once.
+
+    Returns:
+        Latents at the first timestep of that sampling, shape (B, C, h, w).
+    """
+    t: int | None = None
+    for to in reversed(prior.schedule.timesteps(steps, strength)):
+        there = prior.schedule.step(z, prior.predict_noise(z, to, text, cond, controls), t, to)
+        if fixed_point:
+            noise = prior.predict_noise(there, to, text, cond, controls)
+            there = prior.schedule.step(z, noise, t, to)
+        z, t = there, to
+    return z

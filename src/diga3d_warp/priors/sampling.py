@@ -1,0 +1,135 @@
+"""DDIM sampling of many views at once, with attention propagation from the reference views.
+
+The timestep is the outermost loop: at each, the references write their keys and values, the other views read
+them in mini-batches, and the bank is emptied. So one timestep's keys of K references are all that is kept,
+however many views there are; of the views themselves, latents and conditions wait on the host.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+
+import torch
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.priors.attention import AFP_WEIGHT, AttentionBank
+from diga3d_warp.priors.guidance import Guidance, Half, guided_noise
+from diga3d_warp.priors.protocol import Conditioning, Control, DiffusionPrior
+
+
+@dataclass(frozen=True)
+class SamplingSettings:
+    """How views are sampled.
+
+    Attributes:
+        steps: DDIM steps from pure noise [1]. 20 to 50 are usual for inversion and sampling.
+        strength: Share of the way to pure noise at which sampling starts [1].
+        batch: Views that are estimated together. More need more memory and are faster on a GPU only.
+        afp_weight: lambda_a of Eq. 4; 0 leaves propagation out.
+    """
+
+    steps: int = 30
+    strength: float = 1.0
+    batch: int = 4
+    afp_weight: float = AFP_WEIGHT
+
+
+@dataclass(frozen=True)
+class ViewLatents:
+    """N views as the sampler takes them; it brings a few at a time to the prior's device.
+
+    Attributes:
+        start: Latents to start from, noise or inverted images, shape (N, C, h, w).
+        cond: Known parts, N rows.
+        controls: Images to follow, N rows each.
+        noise: Noise of the known part where the prior does not heed it itself; `start` if None.
+    """
+
+    start: torch.Tensor
+    cond: Conditioning
+    controls: tuple[Control, ...] = ()
+    noise: torch.Tensor | None = None
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+
+def initial_noise(shape: Sequence[int], seed: int) -> torch.Tensor:
+    """Standard normal noise of one view, the same on every device, shape as asked, float32 on the host."""
+    return torch.randn(tuple(shape), generator=torch.Generator().manual_seed(seed))
+
+
+@torch.no_grad()
+def sample_views(
+    prior: DiffusionPrior,
+    views: ViewLatents,
+    guidance: Guidance,
+    settings: SamplingSettings | None = None,
+    *,
+    references: Sequence[int] = (),
+    progress: Callable[[int], None] | None = None,
+) -> torch.Tensor:
+    """Denoise all views, each but the references attending to the references.
+
+    Args:
+        prior: What estimates noise.
+        views: Where each view starts and what it must heed.
+        guidance: Prompts, for all views.
+        settings: How.
+        references: Indices of the reference views; without any, each view is sampled for itself.
+        progress: Called after each timestep with how many are done.
+
+    Returns:
+        Clean latents, shape (N, C, h, w), on the host.
+
+    Raises:
+        InputError: a reference that is not among the views, or is named twice.
+    """
+    settings = settings or SamplingSettings()
+    if len(set(references)) != len(references) or not all(0 <= r < len(views) for r in references):
+        raise InputError(f"references {list(references)} are not distinct indices of {len(views)} views")
+    bank = AttentionBank(settings.afp_weight)
+    others = [index for index in range(len(views)) if index not in set(references)]
+    z = views.start.clone()
+    timesteps = prior.schedule.timesteps(settings.steps, settings.strength)
+    prior.install_attention(bank)
+    try:
+        for done, t in enumerate(timesteps, start=1):
+            to = timesteps[done] if done < len(timesteps) else None
+            turns = [(list(references), bank.writing), (others, bank.reading if references else nullcontext)]
+            for indices, within in turns:
+                for first in range(0, len(indices), settings.batch):
+                    rows = indices[first : first + settings.batch]
+                    z[rows] = _step(prior, views, z[rows], rows, t, to, guidance, within)
+            bank.clear()
+            if progress is not None:
+                progress(done)
+    finally:
+        prior.install_attention(None)
+    return z
+
+
+def _step(
+    prior: DiffusionPrior,
+    views: ViewLatents,
+    z: torch.Tensor,
+    rows: list[int],
+    t: int,
+    to: int | None,
+    guidance: Guidance,
+    within: Callable[[Half], AbstractContextManager[object]],
+) -> torch.Tensor:
+    """Some views from one timestep to the next, host to host."""
+    cond = views.cond.rows(rows, prior.device)
+    controls = [control.rows(rows, prior.device) for control in views.controls]
+    here = z.to(prior.device)
+    noise = guided_noise(prior, here, t, guidance, cond, controls, within)
+    there = prior.schedule.step(here, noise, t, to)
+    if not prior.mask_aware:
+        known_noise = (views.start if views.noise is None else views.noise)[rows].to(prior.device)
+        # the stock pipeline ends with the clean known part, not with abar_0's touch of noise
+        known = cond.latent if to is None else prior.schedule.add_noise(cond.latent, known_noise, to)
+        there = torch.lerp(known, there, cond.mask)
+    return there.to(z.device)

@@ -1,0 +1,178 @@
+"""Images in, images out: a diffusion prior fills the masked pixels of one view or of many."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import torch
+import torch.nn.functional as F
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.priors.guidance import Guidance
+from diga3d_warp.priors.inversion import invert
+from diga3d_warp.priors.plan import plan_sampling
+from diga3d_warp.priors.protocol import Conditioning, Control, DiffusionPrior, check_fill
+from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, initial_noise, sample_views
+
+EDGES_SCALE = 0.8
+DEPTH_SCALE = 1.0
+"""Condition scales of texture and depth (paper, appendix)."""
+
+
+@dataclass(frozen=True)
+class ViewControl:
+    """One control for N views.
+
+    Attributes:
+        kind: As in `Control`.
+        images: One for each view, shape (H, W), float32 in [0, 1].
+        scale: As in `Control`.
+    """
+
+    kind: Literal["edges", "depth"]
+    images: Sequence[torch.Tensor]
+    scale: float
+
+
+def inpaint_views(
+    prior: DiffusionPrior,
+    images: Sequence[torch.Tensor],
+    masks: Sequence[torch.Tensor],
+    guidance: Guidance,
+    settings: SamplingSettings | None = None,
+    *,
+    references: Sequence[int] = (),
+    controls: Sequence[ViewControl] = (),
+    source: Any = None,
+    seed: int = 0,
+    say: Callable[[str], None] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Iterator[torch.Tensor]:
+    """Fill the masked pixels of N views, consistently with the references (paper Sec. 3.2).
+
+    All views are worked on at the native size of the first one.
+
+    Args:
+        prior: What invents.
+        images: RGB in [0, 1], shape (H, W, 3) each. May be made when asked for; each is read twice.
+        masks: True where to invent, shape (H, W), bool, one for each image.
+        guidance: Prompts and their weight.
+        settings: How to sample.
+        references: Indices of the views that the others attend to.
+        controls: Edges and depth to follow.
+        source: Prompt half (`Prompts.positive` of a prompt) that describes the images as they are: sampling
+            starts from their DDIM inversion. If None it starts from noise, the same for all views.
+        seed: Of the noise.
+        say: Told time and memory before sampling starts.
+        progress: Called after each timestep with how many are done.
+
+    Yields:
+        The views in their order, shape (H, W, 3), float32 in [0, 1]; unmasked pixels are exactly those given.
+
+    Raises:
+        InputError: shapes do not fit, a mask covers everything, or references are not among the views.
+    """
+    settings = settings or SamplingSettings()
+    if len(images) != len(masks) or not images or any(len(c.images) != len(images) for c in controls):
+        counts = [len(images), len(masks), *(len(c.images) for c in controls)]
+        raise InputError(f"numbers of images, masks and controls differ or are zero: {counts}")
+    size = prior.native_size(*images[0].shape[:2])
+    views = _encode(prior, images, masks, controls, size, source, settings, seed)
+    if say is not None:
+        say(str(plan_sampling(prior, views, guidance, settings, references)))
+    z = sample_views(prior, views, guidance, settings, references=references, progress=progress)
+    for index, (image, mask) in enumerate(zip(images, masks, strict=True)):
+        with torch.no_grad():
+            decoded = prior.decode_latent(z[index : index + 1].to(prior.device))
+            filled = resize_images(decoded, image.shape[:2])[0].clamp(0.0, 1.0).to(image)
+        yield torch.where(mask[..., None], filled, image)
+
+
+def fill_one(
+    prior: DiffusionPrior,
+    image: torch.Tensor,
+    mask: torch.Tensor,
+    guidance: Guidance,
+    settings: SamplingSettings | None = None,
+    *,
+    seed: int = 0,
+) -> torch.Tensor:
+    """One image filled from noise: `Prior.fill` of a diffusion prior. An empty mask returns the image."""
+    check_fill(image, mask)
+    if not bool(mask.any()):
+        return image.clone()
+    return next(inpaint_views(prior, [image], [mask], guidance, settings, seed=seed))
+
+
+def resize_images(images: torch.Tensor, size: Sequence[int]) -> torch.Tensor:
+    """Images (B, H, W, C) at another size (height, width) [px], without aliasing; carries gradient."""
+    if tuple(images.shape[1:3]) == tuple(size):
+        return images
+    channels_first = images.permute(0, 3, 1, 2)
+    return F.interpolate(channels_first, tuple(size), mode="bilinear", antialias=True).permute(0, 2, 3, 1)
+
+
+def resize_masks(masks: torch.Tensor, size: Sequence[int]) -> torch.Tensor:
+    """Masks (B, H, W) at another size: a pixel is masked where any part of it was."""
+    if tuple(masks.shape[1:3]) == tuple(size):
+        return masks
+    return resize_images(masks[..., None].float(), size)[..., 0] > 1e-6
+
+
+@torch.no_grad()
+def _encode(
+    prior: DiffusionPrior,
+    images: Sequence[torch.Tensor],
+    masks: Sequence[torch.Tensor],
+    controls: Sequence[ViewControl],
+    size: tuple[int, int],
+    source: Any,
+    settings: SamplingSettings,
+    seed: int,
+) -> ViewLatents:
+    """Latents of all views, made one view at a time and kept on the host."""
+    conds: list[Conditioning] = []
+    starts: list[torch.Tensor] = []
+    noises: list[torch.Tensor] = []
+    followed: list[list[Control]] = []
+    schedule, host = prior.schedule, torch.device("cpu")
+    first = schedule.timesteps(settings.steps, settings.strength)[0]
+    for index in range(len(images)):
+        image, mask = images[index], masks[index]
+        check_fill(image, mask)
+        pixels = resize_images(image[None].to(prior.device), size)
+        cond = prior.conditioning(pixels, resize_masks(mask[None].to(prior.device), size))
+        along = [_control(control, index, size, prior.device) for control in controls]
+        if source is None:
+            noise = initial_noise(cond.latent.shape, seed).to(prior.device)
+            start = noise if settings.strength == 1.0 else schedule.add_noise(cond.latent, noise, first)
+        else:
+            start = invert(
+                prior, cond.latent, source, cond, along, steps=settings.steps, strength=settings.strength
+            )
+            noise = schedule.noise_between(start, cond.latent, first)
+        conds.append(cond.rows([0], host))
+        followed.append([control.rows([0], host) for control in along])
+        starts.append(start.to(host))
+        noises.append(noise.to(host))
+    channels = [cond.channels for cond in conds if cond.channels is not None]
+    return ViewLatents(
+        start=torch.cat(starts),
+        cond=Conditioning(
+            torch.cat([cond.latent for cond in conds]),
+            torch.cat([cond.mask for cond in conds]),
+            torch.cat(channels) if channels else None,
+        ),
+        controls=tuple(
+            Control(parts[0].kind, torch.cat([part.image for part in parts]), parts[0].scale)
+            for parts in zip(*followed, strict=True)
+        ),
+        noise=None if prior.mask_aware else torch.cat(noises),
+    )
+
+
+def _control(control: ViewControl, index: int, size: tuple[int, int], device: torch.device) -> Control:
+    image = resize_images(control.images[index][None, ..., None].to(device), size)[..., 0]
+    return Control(control.kind, image, control.scale)

@@ -1,0 +1,127 @@
+"""Filling views through a diffusion prior: sizes, pasting back, starting points, errors."""
+
+import pytest
+import torch
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.priors.guidance import Guidance
+from diga3d_warp.priors.protocol import Prompts
+from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.views import ViewControl, fill_one, inpaint_views, resize_masks
+from gaussian_prior import GaussianPrior
+
+PLAIN = Guidance(Prompts(0.4, 0.0), scale=1.0)
+SETTINGS = SamplingSettings(steps=5, batch=2)
+
+
+@pytest.fixture
+def images():
+    return list(torch.rand(4, 12, 20, 3, generator=torch.Generator().manual_seed(1)))
+
+
+@pytest.fixture
+def masks():
+    masks = torch.zeros(4, 12, 20, dtype=torch.bool)
+    for k in range(4):
+        masks[k, 3:9, k : k + 7] = True
+    return list(masks)
+
+
+@pytest.mark.parametrize("factor", [1, 2])
+def test_masked_pixels_are_invented_and_the_others_are_those_given(images, masks, factor):
+    prior = GaussianPrior(factor=factor, attention=0.1)
+    filled = list(inpaint_views(prior, images, masks, PLAIN, SETTINGS, references=[1]))
+    assert len(filled) == 4
+    for image, mask, result in zip(images, masks, filled, strict=True):
+        assert torch.equal(result[~mask], image[~mask])
+        assert abs(float(result[mask].mean()) - 0.7) < 0.1
+        assert float(result[mask].std()) > 0.02
+        assert float(result.min()) >= 0.0 and float(result.max()) <= 1.0
+
+
+def test_fill_is_the_same_bytes_for_a_seed(images, masks):
+    prior = GaussianPrior()
+    first, again, other = (
+        fill_one(prior, images[0], masks[0], PLAIN, SETTINGS, seed=seed) for seed in (1, 1, 2)
+    )
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
+
+
+def test_an_empty_mask_changes_nothing(images):
+    assert torch.equal(
+        fill_one(GaussianPrior(), images[0], torch.zeros(12, 20, dtype=torch.bool), PLAIN), images[0]
+    )
+
+
+def test_from_inverted_images_an_unchanged_prompt_changes_little(images, masks):
+    """And a changed one moves the image by as much as the means differ, keeping its structure."""
+    prior, settings = GaussianPrior(), SamplingSettings(steps=100)
+    images = [(0.5 + 0.2 * (image - 0.5)) for image in images]
+    same = next(inpaint_views(prior, images, masks, PLAIN, settings, source=0.4))
+    mask = masks[0]
+    assert float((same - images[0])[mask].abs().max()) < 0.02
+    changed = Guidance(Prompts(0.2, 0.0), scale=1.0)
+    moved = next(inpaint_views(prior, images, masks, changed, settings, source=0.4))
+    assert float((moved - images[0] + 0.1)[mask].abs().max()) < 0.02
+
+
+def test_a_weaker_start_stays_nearer_to_the_image(images, masks):
+    mask, moved = masks[0], []
+    for strength in (0.2, 0.5, 1.0):
+        settings = SamplingSettings(steps=20, strength=strength)
+        filled = fill_one(GaussianPrior(), images[0], mask, PLAIN, settings)
+        moved.append(float((filled - images[0])[mask].square().mean()))
+    assert moved[0] < moved[1] < moved[2]
+
+
+def test_controls_reach_the_prior_at_its_size(images, masks):
+    prior = GaussianPrior(factor=2)
+    control = ViewControl("edges", [torch.full((12, 20), 0.1 * k) for k in range(4)], 0.8)
+    seen = {}
+    exact = prior.predict_noise
+
+    def watch(z, t, text, cond, controls, image_embeds=None):
+        for c in controls:
+            seen.setdefault((c.kind, c.scale, tuple(c.image.shape[1:])), set()).add(
+                round(float(c.image[0, 0, 0]), 4)
+            )
+        return exact(z, t, text, cond, controls)
+
+    prior.predict_noise = watch
+    settings = SamplingSettings(steps=2, batch=1)
+    list(inpaint_views(prior, images, masks, PLAIN, settings, controls=[control]))
+    assert seen == {("edges", 0.8, (6, 10)): {0.0, 0.1, 0.2, 0.3}}
+
+
+def test_the_plan_is_said_before_sampling(images, masks):
+    said = []
+    filled = inpaint_views(
+        GaussianPrior(),
+        images,
+        masks,
+        PLAIN,
+        SETTINGS,
+        say=said.append,
+        progress=lambda done: said.append(done),
+    )
+    next(filled)
+    assert said[0].startswith("4 views, 0 of them references, 5 steps: 20 noise estimates")
+    assert said[1:] == [1, 2, 3, 4, 5]
+
+
+def test_a_mask_keeps_every_pixel_that_it_touched():
+    mask = torch.zeros(1, 64, 64, dtype=torch.bool)
+    mask[0, 17, 30] = True
+    small = resize_masks(mask, (8, 8))
+    assert small[0, 2, 3]
+    assert int(small.sum()) <= 4
+
+
+def test_input_that_does_not_fit(images, masks):
+    with pytest.raises(InputError, match="numbers of images, masks and controls differ or are zero"):
+        next(inpaint_views(GaussianPrior(), images, masks[:2], PLAIN))
+    with pytest.raises(InputError, match="numbers of images, masks and controls differ or are zero"):
+        next(inpaint_views(GaussianPrior(), [], [], PLAIN))
+    with pytest.raises(InputError, match="the mask covers the whole image"):
+        next(inpaint_views(GaussianPrior(), images, [torch.ones_like(m) for m in masks], PLAIN))
