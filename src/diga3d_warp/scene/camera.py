@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -47,6 +47,7 @@ class Camera:
         world_to_camera: Rigid transform from world to camera space, shape (4, 4), float64. A tensor that
             requires gradient receives one from `render`; anything array-like is accepted.
         distortion: Lens distortion, or None for a pinhole camera.
+        intrinsics: (fx, fy, cx, cy) [px], shape (4,), float64; see `with_intrinsics`.
 
     Raises:
         InputError: the size or a focal length is not positive, or a number is not finite.
@@ -60,6 +61,7 @@ class Camera:
     cy: float
     world_to_camera: torch.Tensor
     distortion: Distortion | None = None
+    intrinsics: torch.Tensor = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         pose = torch.as_tensor(self.world_to_camera).to(torch.float64)
@@ -74,6 +76,7 @@ class Camera:
                 f"({self.fx:g}, {self.fy:g}) px sees nothing: all four must be positive"
             )
         object.__setattr__(self, "world_to_camera", pose)
+        object.__setattr__(self, "intrinsics", torch.tensor(numbers, dtype=torch.float64))
 
     @property
     def pose(self) -> np.ndarray:
@@ -94,23 +97,35 @@ class Camera:
     def resized(self, width: int, height: int) -> Camera:
         """The same camera for an image of another size; each axis scales by its own ratio."""
         sx, sy = width / self.width, height / self.height
-        return replace(
-            self,
-            width=width,
-            height=height,
-            fx=self.fx * sx,
-            fy=self.fy * sy,
-            cx=self.cx * sx,
-            cy=self.cy * sy,
-        )
+        scales = self.intrinsics.new_tensor([sx, sy, sx, sy])
+        return replace(self, width=width, height=height).with_intrinsics(scales * self.intrinsics)
 
     def without_lens(self) -> Camera:
         """The pinhole camera with the same intrinsics."""
-        return replace(self, distortion=None)
+        return replace(self, distortion=None).with_intrinsics(self.intrinsics)
 
     def with_pose(self, world_to_camera: torch.Tensor | np.ndarray) -> Camera:
         """The same camera at another pose."""
-        return replace(self, world_to_camera=torch.as_tensor(world_to_camera))
+        moved = replace(self, world_to_camera=torch.as_tensor(world_to_camera))
+        return moved.with_intrinsics(self.intrinsics)
+
+    def with_intrinsics(self, intrinsics: torch.Tensor | np.ndarray) -> Camera:
+        """The same camera with other focal lengths and principal point.
+
+        Args:
+            intrinsics: (fx, fy, cx, cy) [px], shape (4,). A tensor that requires gradient receives one from
+                `render`.
+
+        Raises:
+            InputError: there are not four, one is not finite, or a focal length is not positive.
+        """
+        values = torch.as_tensor(intrinsics).to(torch.float64)
+        if values.shape != (4,):
+            raise InputError(f"intrinsics must be fx, fy, cx, cy, not of shape {tuple(values.shape)}")
+        fx, fy, cx, cy = values.tolist()
+        camera = replace(self, fx=fx, fy=fy, cx=cx, cy=cy)
+        object.__setattr__(camera, "intrinsics", values)
+        return camera
 
 
 def look_at(
