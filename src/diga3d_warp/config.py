@@ -20,6 +20,11 @@ class Splatting:
             extent [ratio]. Far outside the image the affine approximation would sweep over it. 3DGS: 1.3.
         low_pass: Added to both variances of a projected gaussian [px^2]. Keeps every splat at least about a
             pixel wide. 3DGS: 0.3.
+        low_pass_antialiased: The same where opacity makes up for it: Mip-Splatting's 2D filter, 0.1, about
+            the box of a pixel.
+        sigma_depth: Sigma points of the unscented footprint come no nearer than this part of their centre's
+            depth [ratio]. At 0 a gaussian that reaches the camera plane would cover every image.
+        circle_radius: Radius of the "circle" extent [standard deviations]. 3DGS: 3.
         alpha_max: Largest opacity of one gaussian in one pixel. Keeps 1 - alpha away from zero, by which the
             adjoint divides. 3DGS: 0.99.
         alpha_min: Contributions below are skipped: an 8-bit image would not show them. 3DGS: 1/255.
@@ -44,6 +49,9 @@ class Splatting:
     near: float = 0.01
     jacobian_margin: float = 1.3
     low_pass: float = 0.3
+    low_pass_antialiased: float = 0.1
+    sigma_depth: float = 0.5
+    circle_radius: float = 3.0
     alpha_max: float = 0.99
     alpha_min: float = 1.0 / 255.0
     transmittance_min: float = 1e-4

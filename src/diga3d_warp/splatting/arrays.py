@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
 import warp as wp
+
+REALS: dict[torch.dtype, Any] = {torch.float32: wp.float32, torch.float64: wp.float64}
+"""Warp's scalar type for each of torch's that kernels are built for."""
 
 
 def warp_array(tensor: torch.Tensor, dtype: Any) -> Any:
@@ -14,8 +18,13 @@ def warp_array(tensor: torch.Tensor, dtype: Any) -> Any:
     return wp.from_torch(tensor.detach(), dtype=dtype, requires_grad=False)
 
 
+def warp_arrays(tensors: Sequence[torch.Tensor], dtypes: Sequence[Any]) -> list[Any]:
+    """View tensors as Warp arrays, each of its own type."""
+    return [warp_array(tensor, dtype) for tensor, dtype in zip(tensors, dtypes, strict=True)]
+
+
 def like(tensor: torch.Tensor | None, reference: torch.Tensor) -> torch.Tensor:
-    """A contiguous float32 gradient; zeros where torch passed none."""
+    """A contiguous gradient in the type of what it belongs to; zeros where torch passed none."""
     if tensor is None:
         return torch.zeros_like(reference)
-    return tensor.to(torch.float32).contiguous()
+    return tensor.to(reference.dtype).contiguous()

@@ -1,20 +1,19 @@
-"""Differentiable EWA projection of gaussians into a camera."""
+"""Differentiable projection of gaussians into a camera."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 import warp as wp
 
-from diga3d_warp.config import POSE_GROUP
+from diga3d_warp.config import POSE_GROUP, Accuracy, Effects
 from diga3d_warp.kernels import projection
+from diga3d_warp.kernels.precision import types_of
+from diga3d_warp.kernels.projection import Projecting
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.splatting.arrays import like, warp_array
+from diga3d_warp.splatting.arrays import like, warp_array, warp_arrays
 from diga3d_warp.splatting.optics import Optics, optics_of
-
-_INPUTS = (wp.vec3, wp.vec3, wp.vec4, wp.float32, wp.mat44, wp.vec4)
-_OUTPUTS = (wp.vec2, wp.float32, wp.vec3, wp.vec2, wp.float32)
 
 
 class Projection(NamedTuple):
@@ -24,9 +23,12 @@ class Projection(NamedTuple):
         centers: Pixel positions, shape (N, 2).
         depths: z along the camera axis [scene units], shape (N,).
         conics: Inverse covariance (xx, xy, yy) [px^-2], shape (N, 3).
-        extents: Half width and height of the box in which alpha reaches 1/255 [px], shape (N, 2). Carries no
-            gradient; (0, 0) marks a culled gaussian.
+        extents: Half width and height of the box to draw [px], shape (N, 2). Carries no gradient; (0, 0)
+            marks a culled gaussian.
         opacities: Peak opacity, shape (N,).
+        depth_slopes: Change of depth over the image [scene units / px], shape (N, 2), where asked for:
+            on the ray of a pixel, the gaussian's response is largest at depth
+            `depths + depth_slopes . (pixel - centers)`.
     """
 
     centers: torch.Tensor
@@ -34,6 +36,7 @@ class Projection(NamedTuple):
     conics: torch.Tensor
     extents: torch.Tensor
     opacities: torch.Tensor
+    depth_slopes: torch.Tensor | None = None
 
 
 def project(
@@ -42,87 +45,121 @@ def project(
     quaternions: torch.Tensor,
     opacity_logits: torch.Tensor,
     camera: Camera,
+    *,
+    accuracy: Accuracy = Accuracy.STANDARD,
+    effects: Effects = Effects(),
 ) -> Projection:
     """Project gaussians into a camera (Zwicker et al. 2001, EWA splatting; 3DGS's conventions).
 
-    Gradients reach means, scales, quaternions, opacities and `camera.world_to_camera`.
+    Gradients reach means, scales, quaternions, opacities, `camera.world_to_camera` and `camera.intrinsics`.
+    All results are in the accuracy's precision.
+
+    The slope of depth is cov(z, pixel) Sigma'^-1: the affine camera makes (pixel, z) jointly gaussian, and
+    the largest response along a ray is at the mean of z given the pixel.
 
     Args:
-        means: World positions [scene units], shape (N, 3), float32.
+        means: World positions [scene units], shape (N, 3).
         log_scales: Logarithms of the standard deviations, shape (N, 3).
         quaternions: Rotations (w, x, y, z), any length above 1e-4, shape (N, 4).
         opacity_logits: shape (N,).
         camera: With or without lens distortion.
+        accuracy: Decides `alpha_min`, `extent`, `footprint`, `precision` and, by `pixel_order`, whether there
+            are slopes of depth.
+        effects: `lens` off makes the camera a pinhole; `antialias` scales opacity by what the low-pass
+            widens; `pixel_order` as in the accuracy.
     """
-    return Projection(
-        *_Project.apply(
-            means, log_scales, quaternions, opacity_logits, *camera_rows(camera, means), optics_of(camera)
-        )
-    )
+    if not effects.lens:
+        camera = camera.without_lens()
+    optics = optics_of(camera)
+    kind = Projecting.of(optics.lens_kind, accuracy, effects)
+    dtype = getattr(torch, accuracy.precision)
+    parameters = [tensor.to(dtype) for tensor in (means, log_scales, quaternions, opacity_logits)]
+    return Projection(*_Project.apply(*parameters, *camera_rows(camera, parameters[0]), optics, kind))
 
 
 def camera_rows(camera: Camera, means: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Pose (G, 4, 4) and intrinsics (G, 4), one row for each group of gaussians.
+    """Pose (G, 4, 4) and intrinsics (G, 4), one row for each group of gaussians, in the type of `means`.
 
     Rows are equal; torch adds up their gradients.
     """
-    groups = max(1, -(-len(means) // POSE_GROUP))
-    pose = camera.world_to_camera.to(means)
-    intrinsics = means.new_tensor([camera.fx, camera.fy, camera.cx, camera.cy])
+    groups = group_count(means)
+    pose, intrinsics = camera.world_to_camera.to(means), camera.intrinsics.to(means)
     return pose.expand(groups, 4, 4), intrinsics.expand(groups, 4)
+
+
+def group_count(means: torch.Tensor) -> int:
+    """Rows of the camera that N gaussians (N, 3) need."""
+    return max(1, -(-len(means) // POSE_GROUP))
 
 
 class _Project(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, means, log_scales, quaternions, opacity_logits, poses, intrinsics, optics: Optics):
+    def forward(
+        ctx,
+        means,
+        log_scales,
+        quaternions,
+        opacity_logits,
+        poses,
+        intrinsics,
+        optics: Optics,
+        kind: Projecting,
+    ):
         inputs = tuple(
             tensor.detach().contiguous()
             for tensor in (means, log_scales, quaternions, opacity_logits, poses, intrinsics)
         )
         count = len(means)
-        outputs = tuple(means.new_zeros((count, *tail)) for tail in ((2,), (), (3,), (2,), ()))
+        tails = [(2,), (), (3,), (2,), (), *([(2,)] if kind.slopes else [])]
+        outputs = tuple(means.new_zeros((count, *tail)) for tail in tails)
         projection.project(
-            optics.lens_kind,
-            count,
-            _arguments(inputs, optics),
-            _arrays(outputs, _OUTPUTS),
-            device=_device(means),
+            kind, count, _arguments(inputs, optics, kind), _outputs(outputs, kind), device=_device(means)
         )
         ctx.save_for_backward(*inputs, *outputs)
-        ctx.optics = optics
+        ctx.optics, ctx.kind = optics, kind
         ctx.mark_non_differentiable(outputs[3])
         return outputs
 
     @staticmethod
-    def backward(ctx, adj_centers, adj_depths, adj_conics, adj_extents, adj_opacities):
+    def backward(ctx, *adj_given):
         inputs, outputs = ctx.saved_tensors[:6], ctx.saved_tensors[6:]
         adj_inputs = tuple(torch.zeros_like(tensor) for tensor in inputs)
-        given = (adj_centers, adj_depths, adj_conics, None, adj_opacities)
-        adj_outputs = tuple(like(grad, output) for grad, output in zip(given, outputs, strict=True))
+        adj_outputs = [like(grad, output) for grad, output in zip(adj_given, outputs, strict=True)]
+        types = types_of(ctx.kind.real)
         projection.project_adjoint(
-            ctx.optics.lens_kind,
+            ctx.kind,
             len(inputs[0]),
-            _arguments(inputs, ctx.optics),
-            _arrays(outputs, _OUTPUTS),
-            [*_arrays(adj_inputs, _INPUTS), wp.vec4(), wp.vec2(), wp.vec2(), 0.0],
-            _arrays(adj_outputs, _OUTPUTS),
+            _arguments(inputs, ctx.optics, ctx.kind),
+            _outputs(outputs, ctx.kind),
+            [*warp_arrays(adj_inputs, _input_types(ctx.kind)), types.vec4(), types.vec2(), types.vec2(), 0.0],
+            _outputs(adj_outputs, ctx.kind),
             device=_device(inputs[0]),
         )
-        return *adj_inputs, None
+        return *adj_inputs, None, None
 
 
-def _arrays(tensors, dtypes) -> list[wp.array]:
-    return [warp_array(tensor, dtype) for tensor, dtype in zip(tensors, dtypes, strict=True)]
+def _input_types(kind: Projecting) -> tuple[Any, ...]:
+    types = types_of(kind.real)
+    return (types.vec3, types.vec3, types.vec4, kind.real, types.mat44, types.vec4)
 
 
-def _arguments(inputs: tuple[torch.Tensor, ...], optics: Optics) -> list:
+def _arguments(inputs: tuple[torch.Tensor, ...], optics: Optics, kind: Projecting) -> list:
+    types = types_of(kind.real)
     return [
-        *_arrays(inputs, _INPUTS),
-        wp.vec4(*optics.coefficients),
-        wp.vec2(*optics.lower),
-        wp.vec2(*optics.upper),
+        *warp_arrays(inputs, _input_types(kind)),
+        types.vec4(*optics.coefficients),
+        types.vec2(*optics.lower),
+        types.vec2(*optics.upper),
         optics.radius_max,
     ]
+
+
+def _outputs(tensors, kind: Projecting) -> list[wp.array | None]:
+    """Arrays of the kernel's outputs, or of their gradients; None for slopes that are not asked for."""
+    types = types_of(kind.real)
+    dtypes = (types.vec2, kind.real, types.vec3, types.vec2, kind.real)
+    slopes = warp_array(tensors[5], types.vec2) if kind.slopes else None
+    return [*warp_arrays(tensors[:5], dtypes), slopes]
 
 
 def _device(tensor: torch.Tensor) -> wp.Device:

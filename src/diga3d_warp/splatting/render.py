@@ -43,7 +43,8 @@ def render(
 ) -> Rendering:
     """Render gaussians from a camera.
 
-    Gradients reach every parameter of the gaussians, the background and `camera.world_to_camera`.
+    Gradients reach every parameter of the gaussians, the background, `camera.world_to_camera` and
+    `camera.intrinsics`.
 
     Args:
         gaussians: N gaussians, on CPU or CUDA.
@@ -59,11 +60,10 @@ def render(
     degree = degree_of(gaussians.sh)
     if effects.sh_degree is not None:
         degree = min(degree, effects.sh_degree)
-    if not effects.lens:
-        camera = camera.without_lens()
     projection = project(
-        gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, camera
-    )
+        gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, camera,
+        accuracy=accuracy, effects=effects,
+    )  # fmt: skip
     colors = shade(gaussians.means, gaussians.sh, projection.extents, camera, degree)
     blended = composite(projection, colors, camera.width, camera.height, with_depth=effects.depth)
     color = blended.color

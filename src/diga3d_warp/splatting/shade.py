@@ -6,9 +6,10 @@ import torch
 import warp as wp
 
 from diga3d_warp.kernels import harmonics
+from diga3d_warp.kernels.precision import Types, types_of
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.splatting.arrays import like, warp_array
-from diga3d_warp.splatting.project import camera_rows
+from diga3d_warp.splatting.arrays import REALS, like, warp_array, warp_arrays
+from diga3d_warp.splatting.project import group_count
 
 MAX_DEGREE = 3
 
@@ -30,18 +31,20 @@ def shade(
 ) -> torch.Tensor:
     """Colours max(0, 0.5 + SH(direction)) of gaussians seen from a camera, shape (N, 3).
 
-    Gradients reach means, coefficients and `camera.world_to_camera`. Culled gaussians get zeros.
+    Gradients reach means, coefficients and `camera.world_to_camera`, the first and the last through the
+    direction too. Culled gaussians get zeros. Computed in the precision of the extents.
 
     Args:
         means: World positions, shape (N, 3).
         sh: Coefficients, shape (N, K, 3), in the order of the 3DGS .ply.
-        extents: From `project`, shape (N, 2).
+        extents: From `project`, shape (N, 2), float32 or float64.
         camera: Where the gaussians are seen from.
         degree: Highest degree to evaluate, at most that of `sh`.
     """
-    poses, _ = camera_rows(camera, means)
-    eyes = -(poses[:, :3, :3].transpose(1, 2) @ poses[:, :3, 3:])[..., 0]
-    return _Shade.apply(means, sh, eyes, extents, degree)
+    pose = camera.world_to_camera
+    eye = (-pose[:3, :3].T @ pose[:3, 3]).to(extents)
+    eyes = eye.expand(group_count(means), 3)
+    return _Shade.apply(means.to(extents), sh.to(extents), eyes, extents, degree)
 
 
 class _Shade(torch.autograd.Function):
@@ -49,9 +52,11 @@ class _Shade(torch.autograd.Function):
     def forward(ctx, means, sh, eyes, extents, degree: int):
         inputs = tuple(tensor.detach().contiguous() for tensor in (means, sh, eyes, extents))
         colors = torch.zeros_like(inputs[0])
+        types = types_of(REALS[colors.dtype])
         harmonics.shade(
-            degree, len(means), _arrays(inputs), [warp_array(colors, wp.vec3)], device=_device(means)
-        )
+            degree, len(means), _arrays(inputs, types), [warp_array(colors, types.vec3)],
+            device=_device(means), precision=_precision(colors),
+        )  # fmt: skip
         ctx.save_for_backward(*inputs, colors)
         ctx.degree = degree
         return colors
@@ -60,26 +65,26 @@ class _Shade(torch.autograd.Function):
     def backward(ctx, adj_colors):
         *inputs, colors = ctx.saved_tensors
         adj_means, adj_sh, adj_eyes = (torch.zeros_like(tensor) for tensor in inputs[:3])
+        types = types_of(REALS[colors.dtype])
         harmonics.shade_adjoint(
             ctx.degree,
             len(colors),
-            _arrays(inputs),
-            [warp_array(colors, wp.vec3)],
-            [
-                warp_array(adj_means, wp.vec3),
-                warp_array(adj_sh, wp.vec3),
-                warp_array(adj_eyes, wp.vec3),
-                None,
-            ],
-            [warp_array(like(adj_colors, colors), wp.vec3)],
+            _arrays(inputs, types),
+            [warp_array(colors, types.vec3)],
+            [*warp_arrays((adj_means, adj_sh, adj_eyes), [types.vec3] * 3), None],
+            [warp_array(like(adj_colors, colors), types.vec3)],
             device=_device(colors),
+            precision=_precision(colors),
         )
         return adj_means, adj_sh, adj_eyes, None, None
 
 
-def _arrays(inputs) -> list[wp.array]:
-    dtypes = (wp.vec3, wp.vec3, wp.vec3, wp.vec2)
-    return [warp_array(tensor, dtype) for tensor, dtype in zip(inputs, dtypes, strict=True)]
+def _arrays(inputs, types: Types) -> list[wp.array]:
+    return warp_arrays(inputs, (types.vec3, types.vec3, types.vec3, types.vec2))
+
+
+def _precision(tensor: torch.Tensor) -> str:
+    return str(tensor.dtype).removeprefix("torch.")
 
 
 def _device(tensor: torch.Tensor) -> wp.Device:
