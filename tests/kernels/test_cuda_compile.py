@@ -11,6 +11,7 @@ from diga3d_warp.kernels import (
     compositing,
     compositing_adjoint,
     harmonics,
+    patches,
     projection,
     raycast,
     reprojection,
@@ -34,6 +35,8 @@ KERNELS = {
     "steps": lambda: reprojection.steps_kernel(),
     "draw_triangles": lambda: reprojection.draw_triangles,
     "resolve": lambda: reprojection.resolve_kernel(),
+    "patch_search": lambda: patches.search_kernel(patches.PatchForm(channels=4)),
+    "patch_vote": lambda: patches.vote_kernel(patches.PatchForm(channels=4)),
     "raycast": lambda: raycast.nearest_hit_kernel,
     "texturing": lambda: texturing.hit_colors_kernel,
 }

@@ -12,7 +12,6 @@ Invariants
 - Loops over lanes are `while`: a `range` whose length is a variable is not vectorised. Loops over taps inside
   them are unrolled.
 - Memory is reached through `read` and `write`, which know that images are contiguous and cells not negative.
-  Warp's own indexing multiplies by a variable stride and wraps negative cells; both defeat the vectoriser.
 - Outside the image everything is zero, as with the zero padding of 3DGS's `conv2d`.
 - A thread writes its own run alone, so results do not depend on the number of threads.
 """
@@ -25,6 +24,7 @@ from functools import cache
 import numpy as np
 import warp as wp
 
+from diga3d_warp.kernels.cells import read, write
 from diga3d_warp.kernels.launch import OPTIONS, launch
 
 TAPS_UNROLLED = {**OPTIONS, "max_unroll": 11}
@@ -74,15 +74,6 @@ _C2 = SIMILARITY.contrast_floor
 
 def run_of(device: wp.Device) -> int:
     return CPU_RUN if device.is_cpu else CUDA_RUN
-
-
-# Cell of a contiguous array; both halves compile to one move.
-@wp.func_native("return values.data[cell];")
-def read(values: wp.array(dtype=float), cell: int) -> float: ...
-
-
-@wp.func_native("values.data[cell] = value;")
-def write(values: wp.array(dtype=float), cell: int, value: float): ...
 
 
 @wp.func

@@ -1,0 +1,146 @@
+"""Fill a hole from coarse to fine by deterministic DDIM steps, the denoiser looking at one scale at a time.
+
+With noise of standard deviation s on a clean image x, a step from s to s' is x' = x0 + s' / s (x - x0), where
+x0 is the denoiser's estimate (Song et al. 2021, Eq. 12, in units of the clean image).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+
+from diga3d_warp.priors.exemplar.posterior import (
+    Estimate,
+    attend_all,
+    attend_candidates,
+    handed_down,
+    no_candidates,
+)
+from diga3d_warp.priors.exemplar.query import QueryScale
+from diga3d_warp.priors.exemplar.settings import FILL, PATCHES, FillSettings, PatchSettings
+from diga3d_warp.priors.exemplar.source import Source, SourceScale, shrunk
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """One scale of a fill: what is sought, and the patches to draw from."""
+
+    query: QueryScale
+    source: SourceScale
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """How far a fill has come: a scale, its image without noise, and each query's candidates."""
+
+    scale: Scale
+    estimate: Estimate
+
+
+def scales_of(source: Source, patches: PatchSettings = PATCHES, settings: FillSettings = FILL) -> list[Scale]:
+    """The scales at which a source can fill its own unusable part, the coarsest first; may be none."""
+    size = tuple(source.usable.shape)
+    count = 1 + max(int(np.log2(max(min(size) / settings.coarsest, 1.0))), 0)
+    scales = []
+    for power in reversed(range(count)):
+        small = (max(round(size[0] / 2**power), 1), max(round(size[1] / 2**power), 1))
+        known, share = shrunk(source.image, source.usable, small)
+        missing = ~source.usable if power == 0 else share < 0.5
+        patches_here = source.at(small, patches)
+        if missing.any() and patches_here.count >= settings.keys_min:
+            controls = patches_here.features[..., 3:]
+            scales.append(Scale(QueryScale(known, missing, controls, patches), patches_here))
+    return scales
+
+
+def start(scale: Scale, seed: int, settings: FillSettings = FILL) -> State:
+    """Fill the coarsest scale from noise."""
+    query = scale.query
+    mean = query.known[~query.missing].mean(0)
+    noise = settings.noise_first
+    levels = np.geomspace(noise, settings.noise_last, settings.steps_first).tolist()
+    return State(
+        scale, _denoise(scale, query.pasted(mean.expand_as(query.known)), levels, None, seed, settings)
+    )
+
+
+def refine(state: State, scale: Scale, seed: int, settings: FillSettings = FILL) -> State:
+    """Fill a finer scale from the fill of a coarser one."""
+    query, coarse = scale.query, state.scale
+    image = query.pasted(enlarged(state.estimate.image, query.size))
+    candidates = handed_down(
+        state.estimate.candidates, coarse.query, query, coarse.source.size, scale.source.size
+    )
+    levels = np.geomspace(settings.noise_next, settings.noise_last, settings.steps_next).tolist()
+    return State(scale, _denoise(scale, image, levels, candidates, seed, settings))
+
+
+def _denoise(
+    scale: Scale,
+    image: torch.Tensor,
+    levels: Sequence[float],
+    candidates: torch.Tensor | None,
+    seed: int,
+    settings: FillSettings,
+) -> Estimate:
+    """Add the first level's noise to an image where it is missing, and take it away level by level."""
+    query, source = scale.query, scale.source
+    generator = torch.Generator().manual_seed(seed)
+    noise = torch.randn(image.shape, generator=generator).to(image.device)
+    noisy = query.pasted(image + levels[0] * noise)
+    pairs = len(query.pixels) * source.count
+    repeats: torch.Tensor | None = None
+    for step, (level, following) in enumerate(pairwise([*levels, 0.0])):
+        if pairs <= settings.everything:
+            estimate = attend_all(query, source, noisy, level)
+        else:
+            estimate = attend_candidates(
+                query, source, noisy, level,
+                no_candidates(query) if candidates is None else candidates,
+                seed=seed * 1000 + step, scale=repeats,
+            )  # fmt: skip
+            candidates = estimate.candidates
+            repeats = _repeats(candidates, source, settings)
+        noisy = query.pasted(torch.lerp(estimate.image, noisy, following / level))
+    return estimate
+
+
+def _repeats(candidates: torch.Tensor, source: SourceScale, settings: FillSettings) -> torch.Tensor:
+    """Factor on distances that grows with how often patches around one are taken, shape (h, w)."""
+    taken = candidates[:, 0][candidates[:, 0] >= 0].long()
+    count = torch.bincount(taken, minlength=source.centers.numel()).float().view(1, 1, *source.size)
+    around = F.avg_pool2d(count, 5, 1, 2)[0, 0]
+    return 1.0 + settings.repeat * (around - settings.repeat_free).clamp(min=0.0)
+
+
+def enlarged(image: torch.Tensor, size: tuple[int, int]) -> torch.Tensor:
+    """An image (h, w, c) at a larger size [px]."""
+    planes = F.interpolate(image.movedim(-1, 0)[None], size, mode="bicubic", align_corners=False)
+    return planes[0].movedim(0, -1).contiguous()
+
+
+def fill_missing(
+    source: Source, seed: int, patches: PatchSettings = PATCHES, settings: FillSettings = FILL
+) -> torch.Tensor | None:
+    """Fill what is not usable of a source from the rest of it.
+
+    Args:
+        source: Image with a hole.
+        seed: Same source and seed: same bytes on one device.
+        patches, settings: How.
+
+    Returns:
+        The filled image, about in [-1, 1], shape (H, W, 3); None if the source has hardly a whole patch.
+    """
+    scales = scales_of(source, patches, settings)
+    if not scales or scales[-1].query.size != tuple(source.usable.shape):
+        return None
+    state = start(scales[0], seed, settings)
+    for scale in scales[1:]:
+        state = refine(state, scale, seed, settings)
+    return state.estimate.image

@@ -1,0 +1,87 @@
+"""Thresholds of the exemplar prior. Colours are in [-1, 1] here, as all latents are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class PatchSettings:
+    """When two patches are alike, and how the likest are found.
+
+    Square differences are means over the colours of a patch, so the costs say which mean square difference
+    of colours an offence is worth.
+
+    Attributes:
+        radius: Of a patch [px]; 7 x 7 is the custom since Wexler et al. 2007.
+        kept: Candidates that a query keeps where attention is sparse. More only matter at noise levels at
+            which a coarser scale decides.
+        noise_min: Standard deviation that clean patches are given [1]: five levels of 255, about that of a
+            camera's noise and of interpolation.
+        known_noise: Most that a known pixel inside a query may differ [1]. Known pixels are clean, but no
+            patch has exactly theirs.
+        across, down: Cost of a patch one image diagonal away, across and down the image, with the square of
+            the way [1]. What stands at one height in a photograph mostly lies at one depth. A way of a tenth
+            of the diagonal down costs as much as colours that differ by a third of their range's half.
+        depth: Cost of a depth greater or less by a factor of e, with the square of its logarithm [1].
+        edges: Cost of an edge where there is none [1].
+        window: Standard deviation of a patch's vote around its centre [px].
+        draws: Random candidates in each step of a search. With their radii halved, 6 reach from a quarter of
+            a 500 px image to its pixel.
+        spread: Radius of the first random candidate [image widths].
+    """
+
+    radius: int = 3
+    kept: int = 4
+    noise_min: float = 0.02
+    known_noise: float = 0.1
+    across: float = 1.0
+    down: float = 10.0
+    depth: float = 3.0
+    edges: float = 0.1
+    window: float = 2.0
+    draws: int = 6
+    spread: float = 0.1
+
+    @property
+    def side(self) -> int:
+        """Side of a patch [px]."""
+        return 2 * self.radius + 1
+
+
+PATCHES = PatchSettings()
+
+
+@dataclass(frozen=True)
+class FillSettings:
+    """How a hole is filled from coarse to fine.
+
+    Attributes:
+        coarsest: Least side of the coarsest scale [px]: three patches, so that it shows what lies where.
+        everything: Most pairs of query and key for which attention is full [1]; beyond, it is sparse. A
+            million pairs take about 10 ms on two cores.
+        keys_min: Least number of patches that a scale is filled from [1].
+        noise_first: Noise that the coarsest scale starts from [1]: three times the range's half is as good
+            as no image.
+        noise_next: Noise that each finer scale starts from [1]: what its own detail is worth, while the
+            coarser scale's shapes still show.
+        noise_last: Noise that each scale ends with [1].
+        steps_first, steps_next: DDIM steps at the coarsest and at each finer scale.
+        repeat: By how much the distance to a patch grows for each time that it is taken too often [1].
+        repeat_free: How often a patch may be taken, as a mean over its neighbourhood, before it counts as too
+            often [1].
+    """
+
+    coarsest: int = 21
+    everything: int = 1_000_000
+    keys_min: int = 20
+    noise_first: float = 3.0
+    noise_next: float = 0.4
+    noise_last: float = 0.02
+    steps_first: int = 12
+    steps_next: int = 6
+    repeat: float = 0.5
+    repeat_free: float = 1.5
+
+
+FILL = FillSettings()
