@@ -36,7 +36,7 @@ class Splatting:
             image and its determinant leaves the range of float32. brush: 1e18 on entries.
         determinant_min: Smallest determinant of a projected covariance [px^4]. The low-pass bounds it by
             0.09, so only broken input falls below; the adjoint divides by its square.
-        coordinate_max: Coordinates of means and quaternions that are not below this are broken input
+        coordinate_max: Coordinates of means, quaternions and cameras that are not below this are broken input
             [scene units]; their squares still fit into float32. NaN and infinity fail the same comparison.
         log_scale_max: Logarithms of scales beyond this, up or down, are broken input: e^40 = 2e17.
         logit_min: Opacity logits that are not above this, NaN among them, are culled before any arithmetic:

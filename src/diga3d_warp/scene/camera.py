@@ -8,9 +8,20 @@ from typing import Literal
 import numpy as np
 import torch
 
+from diga3d_warp.config import SPLATTING
 from diga3d_warp.errors import InputError
 
 LensKind = Literal["brown", "fisheye"]
+
+PIXELS_MAX = 1e6
+"""Largest focal length and principal point [px]. No image is larger; the product with the far end of a lens
+polynomial, (1e6)^5 times `COEFFICIENT_MAX`, still is a float32."""
+
+PIXELS_MIN = 1e-6
+"""Smallest focal length [px]: its reciprocal is the largest ray that is told from the image plane."""
+
+COEFFICIENT_MAX = 100.0
+"""Largest coefficient of a lens [1]. Real ones stay below 10."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +40,10 @@ class Distortion:
     def __post_init__(self) -> None:
         if self.kind not in ("brown", "fisheye"):
             raise InputError(f"lens kind {self.kind!r} is unknown: use 'brown' or 'fisheye'")
-        if len(self.coefficients) != 4 or not np.isfinite(self.coefficients).all():
-            raise InputError(f"lens coefficients {self.coefficients} must be four finite numbers")
+        if len(self.coefficients) != 4 or not (np.abs(self.coefficients) <= COEFFICIENT_MAX).all():
+            raise InputError(
+                f"lens coefficients {self.coefficients} must be four numbers up to {COEFFICIENT_MAX:g}"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +63,8 @@ class Camera:
         intrinsics: (fx, fy, cx, cy) [px], shape (4,), float64; see `with_intrinsics`.
 
     Raises:
-        InputError: the size or a focal length is not positive, or a number is not finite.
+        InputError: the size or a focal length is not positive, a number is not finite, or it is so large that
+            its products would not be.
     """
 
     width: int
@@ -74,6 +88,16 @@ class Camera:
             raise InputError(
                 f"a camera of {self.width} x {self.height} px with focal lengths "
                 f"({self.fx:g}, {self.fy:g}) px sees nothing: all four must be positive"
+            )
+        if min(self.fx, self.fy) < PIXELS_MIN or max(map(abs, numbers)) > PIXELS_MAX:
+            raise InputError(
+                f"intrinsics {numbers} must lie within {PIXELS_MAX:g} px, "
+                f"focal lengths above {PIXELS_MIN:g} px"
+            )
+        if not bool((pose.abs() < SPLATTING.coordinate_max).all()):
+            raise InputError(
+                f"a camera {float(pose.abs().max()):g} units away lies beyond {SPLATTING.coordinate_max:g}: "
+                "scale the scene down"
             )
         object.__setattr__(self, "world_to_camera", pose)
         object.__setattr__(self, "intrinsics", torch.tensor(numbers, dtype=torch.float64))

@@ -58,7 +58,10 @@ def _optics(
         device="cpu",
     )  # fmt: skip
     seen = rays.numpy()
-    low, high = np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)
+    reached = seen[np.isfinite(seen).all(axis=1)]
+    if len(reached) == 0:  # all that is drawn lies outside the image
+        reached = np.zeros((1, 2), np.float32)
+    low, high = reached.min(axis=0), reached.max(axis=0)
     margin = (SPLATTING.jacobian_margin - 1.0) * 0.5 * (high - low)
     return Optics(
         kind, coefficients, radius, tuple((low - margin).tolist()), tuple((high + margin).tolist()), seen

@@ -1,0 +1,44 @@
+"""Cameras whose numbers the renderer could not multiply are refused in one line."""
+
+import pytest
+import torch
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.scene.camera import Camera, Distortion
+
+GOOD = {"width": 40, "height": 30, "fx": 35.0, "fy": 35.0, "cx": 20.0, "cy": 15.0}
+
+
+def pose(z: float = 0.0) -> torch.Tensor:
+    matrix = torch.eye(4, dtype=torch.float64)
+    matrix[2, 3] = z
+    return matrix
+
+
+@pytest.mark.parametrize(
+    "changes,why",
+    [
+        ({"fx": float("nan")}, "not finite"),
+        ({"cy": float("inf")}, "not finite"),
+        ({"width": 0}, "sees nothing"),
+        ({"fy": -35.0}, "sees nothing"),
+        ({"fx": 1e7}, "within 1e\\+06 px"),
+        ({"fy": 1e-7}, "above 1e-06 px"),
+        ({"cx": -1e7}, "within 1e\\+06 px"),
+        ({"world_to_camera": pose(float("nan"))}, "not finite"),
+        ({"world_to_camera": pose(1e15)}, "scale the scene down"),
+        ({"world_to_camera": torch.eye(3)}, r"shape \(4, 4\)"),
+    ],
+)
+def test_absurd_cameras_are_refused(changes, why):
+    camera = Camera(**{**GOOD, "world_to_camera": pose(9e14)})
+    assert camera.pose[2, 3] == 9e14
+    with pytest.raises(InputError, match=why) as caught:
+        Camera(**{**GOOD, "world_to_camera": pose(), **changes})
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("coefficients", [(0.1, 0.2, 0.3), (101.0, 0, 0, 0), (0, 0, float("nan"), 0)])
+def test_absurd_lenses_are_refused(coefficients):
+    with pytest.raises(InputError, match="four numbers up to 100"):
+        Distortion("brown", coefficients)
