@@ -13,7 +13,7 @@ PROJECT = Path(__file__).parents[1]
 
 RANKS = (
     {"errors", "config", "process"},
-    {"files"},
+    {"files", "checkpoints"},
     {"kernels", "materials"},
     {"scene"},
     {"splatting"},

@@ -1,0 +1,1 @@
+"""Stable Diffusion and its relatives as priors, through diffusers. The weights are the user's."""

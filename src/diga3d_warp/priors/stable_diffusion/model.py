@@ -1,0 +1,241 @@
+"""Stable Diffusion behind `DiffusionPrior`: latents, known part, controls and noise estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import torch
+import torch.nn.functional as F
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.priors.attention import AttentionBank
+from diga3d_warp.priors.guidance import Guidance
+from diga3d_warp.priors.protocol import Conditioning, Control, Prompts, Task
+from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.schedule import Schedule
+from diga3d_warp.priors.stable_diffusion import processor
+from diga3d_warp.priors.stable_diffusion.image_embedding import ImageEncoder
+from diga3d_warp.priors.stable_diffusion.text import TextEncoder, plain_prompts
+from diga3d_warp.priors.views import fill_one
+
+Prediction = Literal["epsilon", "v_prediction", "sample"]
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The models of one Stable Diffusion, frozen, in evaluation mode.
+
+    Attributes:
+        unet: `diffusers.UNet2DConditionModel` with 9 input channels (inpainting) or 4.
+        vae: `diffusers.AutoencoderKL` or `AutoencoderTiny`.
+        text: Tokenizer and text model.
+        schedule: Noise levels that the UNet was trained with.
+        prediction: What the UNet estimates.
+        controlnets: `diffusers.ControlNetModel` for each kind of control.
+        images: CLIP's vision model, where image embeddings are wanted.
+    """
+
+    unet: Any
+    vae: Any
+    text: TextEncoder
+    schedule: Schedule
+    prediction: Prediction = "epsilon"
+    controlnets: Mapping[str, Any] = field(default_factory=dict)
+    images: ImageEncoder | None = None
+
+
+class StableDiffusionPrior:
+    """A UNet of the Stable Diffusion family; see `DiffusionPrior` for what its methods promise.
+
+    UNet and ControlNets run in float16 on CUDA, in float32 elsewhere. The autoencoder stays in float32: score
+    distillation sends small gradients through it. It encodes to the mean of its distribution, not to a draw.
+
+    Args:
+        name: Name on the command line.
+        parts: The models.
+        device: Where to put them.
+        prompting: Makes `Prompts` of both prompts and the task.
+        positive: Prompt of `fill`.
+        negative: Negative prompt of `fill`.
+        task: Task of `fill`.
+        settings: Sampling of `fill`.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        parts: Parts,
+        device: torch.device | str = "cpu",
+        *,
+        prompting: Callable[[TextEncoder, str, str, Task], Prompts] = plain_prompts,
+        positive: str = "",
+        negative: str = "",
+        task: Task = "remove",
+        settings: SamplingSettings | None = None,
+    ) -> None:
+        self.name = name
+        self.parts = parts
+        self.device = torch.device(device)
+        self.dtype = torch.float16 if self.device.type == "cuda" else torch.float32
+        self.mask_aware = parts.unet.config.in_channels == 9
+        self.prompting = prompting
+        self.defaults: tuple[str, str, Task] = (positive, negative, task)
+        self.settings = settings or SamplingSettings()
+        self._own_processors: dict[str, Any] | None = None
+        for model in (parts.unet, *parts.controlnets.values()):
+            model.to(self.device, self.dtype)
+        parts.vae.to(self.device)
+        parts.text.model.to(self.device)
+        if parts.images is not None:
+            parts.images.model.to(self.device)
+
+    @property
+    def schedule(self) -> Schedule:
+        """Noise levels that the UNet was trained with."""
+        return self.parts.schedule
+
+    @property
+    def cell(self) -> int:
+        """Side of a latent cell [px]."""
+        return 2 ** (len(self.parts.vae.config.block_out_channels) - 1)
+
+    def fill(self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0) -> torch.Tensor:
+        """Fill the masked pixels under the default prompts; see `Prior.fill`."""
+        return fill_one(
+            self, image, mask, Guidance(self.encode_prompts(*self.defaults)), self.settings, seed=seed
+        )
+
+    def native_size(self, height: int, width: int) -> tuple[int, int]:
+        """Short side as in training (512 px for version 1.5), long side rounded down to whole cells.
+
+        The paper's 512 x 904 for photographs of 567 x 1008.
+        """
+        short = self.parts.unet.config.sample_size * self.cell
+        scale = short / min(height, width)
+        tall, wide = (int(length * scale + 1e-6) // self.cell * self.cell for length in (height, width))
+        return tall, wide
+
+    def encode_image(self, images: torch.Tensor) -> torch.Tensor:
+        """Latents of images; see `DiffusionPrior.encode_image`."""
+        vae = self.parts.vae
+        encoded = vae.encode(images.to(self.device).permute(0, 3, 1, 2) * 2.0 - 1.0)
+        latents = encoded.latent_dist.mode() if hasattr(encoded, "latent_dist") else encoded.latents
+        return latents * vae.config.scaling_factor
+
+    def decode_latent(self, z: torch.Tensor) -> torch.Tensor:
+        """Images of latents; see `DiffusionPrior.decode_latent`."""
+        pixels = self.parts.vae.decode(z / self.parts.vae.config.scaling_factor).sample
+        return ((pixels + 1.0) / 2.0).clamp(0.0, 1.0).permute(0, 2, 3, 1)
+
+    def encode_prompts(self, positive: str, negative: str, task: Task) -> Prompts:
+        """Text embeddings of both prompts.
+
+        Raises:
+            InputError: a prompt is too long, or missing where the task needs one.
+        """
+        if task != "remove" and not positive.strip():
+            raise InputError(f"{task} needs a prompt that says what shall be there, such as 'a wooden cube'")
+        return self.prompting(self.parts.text, positive, negative, task)
+
+    def conditioning(self, images: torch.Tensor, masks: torch.Tensor) -> Conditioning:
+        """Latents, mask, and for a 9-channel UNet mask and latents of the image greyed out where masked.
+
+        A cell with any masked pixel is masked. Diffusers looks at its first pixel only, and leaves the rim of
+        the removed object standing.
+        """
+        images, masks = images.to(self.device), masks.to(self.device)
+        mask = F.max_pool2d(masks[:, None].float(), self.cell)
+        latent = self.encode_image(images)
+        if not self.mask_aware:
+            return Conditioning(latent, mask)
+        known = self.encode_image(torch.where(masks[..., None], 0.5, images))
+        return Conditioning(latent, mask, torch.cat([mask, known], 1))
+
+    def embed_images(self, images: torch.Tensor) -> torch.Tensor | None:
+        """CLIP embedding of the image that others should look like, shape (1, width), or None."""
+        return None if self.parts.images is None else self.parts.images.embed(images)
+
+    @torch.no_grad()
+    def predict_noise(
+        self,
+        z: torch.Tensor,
+        t: int,
+        text: torch.Tensor,
+        cond: Conditioning | None = None,
+        controls: Sequence[Control] = (),
+        image_embeds: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """Noise that `z` holds; see `DiffusionPrior.predict_noise`. Carries no gradient.
+
+        Raises:
+            InputError: a control of a kind for which there is no ControlNet.
+        """
+        sample = z.to(self.device, self.dtype)
+        hidden = text.to(self.device, self.dtype).expand(len(z), -1, -1)
+        inputs = [sample]
+        if self.mask_aware:
+            if cond is None or cond.channels is None:
+                raise ValueError("an inpainting UNet has to be told the known part: give cond")
+            inputs.append(cond.channels.to(sample))
+        output = self.parts.unet(
+            torch.cat(inputs, 1),
+            t,
+            encoder_hidden_states=hidden,
+            **self._residuals(sample, t, hidden, controls),
+            **self._embedding(len(z), image_embeds),
+        ).sample.float()
+        return self._noise(z.to(self.device), output, t)
+
+    def install_attention(self, bank: AttentionBank | None) -> None:
+        """Let the UNet's self-attentions pass through a bank; see `DiffusionPrior.install_attention`."""
+        if self._own_processors is not None:
+            processor.restore(self.parts.unet, self._own_processors)
+            self._own_processors = None
+        if bank is not None:
+            self._own_processors = processor.install(self.parts.unet, bank)
+
+    def _residuals(
+        self, sample: torch.Tensor, t: int, hidden: torch.Tensor, controls: Sequence[Control]
+    ) -> dict[str, Any]:
+        """What the ControlNets add to the UNet's skip connections, summed over them."""
+        down: list[torch.Tensor] | None = None
+        middle: torch.Tensor | None = None
+        for control in controls:
+            if control.kind not in self.parts.controlnets:
+                raise InputError(f"prior {self.name} has no ControlNet for {control.kind}: load it with one")
+            added, at_middle = self.parts.controlnets[control.kind](
+                sample,
+                t,
+                encoder_hidden_states=hidden,
+                controlnet_cond=control.image[:, None].to(sample).expand(-1, 3, -1, -1),
+                conditioning_scale=control.scale,
+                return_dict=False,
+            )
+            down = list(added) if down is None else [a + b for a, b in zip(down, added, strict=True)]
+            middle = at_middle if middle is None else middle + at_middle
+        if down is None:
+            return {}
+        return {"down_block_additional_residuals": down, "mid_block_additional_residual": middle}
+
+    def _embedding(self, count: int, image_embeds: torch.Tensor | None) -> dict[str, Any]:
+        """The image embedding as the UNet takes it; zeros stand for no image, as in IP-Adapter's training."""
+        if self.parts.images is None:
+            return {}
+        width = self.parts.images.width
+        if image_embeds is None:
+            image_embeds = torch.zeros(1, width)
+        rows = image_embeds.to(self.device, self.dtype).expand(count, width)
+        if self.parts.unet.class_embedding is not None:
+            return {"class_labels": rows}
+        return {"added_cond_kwargs": {"image_embeds": [rows[:, None]]}}
+
+    def _noise(self, z: torch.Tensor, output: torch.Tensor, t: int) -> torch.Tensor:
+        """Noise, from whatever the UNet predicts."""
+        alpha = self.schedule.alpha(t)
+        if self.parts.prediction == "epsilon":
+            return output
+        if self.parts.prediction == "v_prediction":
+            return alpha**0.5 * output + (1.0 - alpha) ** 0.5 * z
+        return self.schedule.noise_between(z, output, t)
