@@ -15,20 +15,23 @@ from numpy.polynomial.legendre import Legendre
 from numpy.polynomial.polynomial import Polynomial
 
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.splatting.optics import optics_of
 
-NEAR, LOW_PASS, MARGIN = 0.01, 0.3, 1.3
+NEAR, LOW_PASS, ANTIALIASED_LOW_PASS, MARGIN = 0.01, 0.3, 0.1, 1.3
 ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN = 0.99, 1 / 255, 1e-4
 
 
 @dataclass(frozen=True)
 class Splats:
-    """Projected gaussians: centers (N, 2), depths (N,), covariances (N, 2, 2), opacities (N,), drawn (N,)."""
+    """Projected gaussians: centers (N, 2), depths (N,), covariances (N, 2, 2), opacities (N,), drawn (N,),
+    slopes of depth (N, 2)."""
 
     centers: torch.Tensor
     depths: torch.Tensor
     covariances: torch.Tensor
     opacities: torch.Tensor
     drawn: torch.Tensor
+    slopes: torch.Tensor
 
     @property
     def conics(self) -> torch.Tensor:
@@ -101,25 +104,73 @@ def rotations(quaternions: torch.Tensor) -> torch.Tensor:
     return torch.eye(3, dtype=q.dtype) + 2 * w[:, None, None] * cross + 2 * cross @ cross
 
 
-def project(means, log_scales, quaternions, opacity_logits, pose: torch.Tensor, camera: Camera) -> Splats:
-    """EWA projection with a 4 x 4 `pose` in place of the camera's own."""
+def project(
+    means, log_scales, quaternions, opacity_logits, pose: torch.Tensor, camera: Camera, *,
+    footprint: str = "affine", antialias: bool = False, alpha_min: float = ALPHA_MIN,
+) -> Splats:  # fmt: skip
+    """Projection with a 4 x 4 `pose` in place of the camera's own."""
     p = means @ pose[:3, :3].T + pose[:3, 3]
     z = p[:, 2]
     opacities = torch.sigmoid(opacity_logits)
-    drawn = (z >= NEAR) & (opacities >= ALPHA_MIN) & ((quaternions**2).sum(1) >= 1e-8)
+    drawn = (z >= NEAR) & (opacities >= alpha_min) & ((quaternions**2).sum(1) >= 1e-8)
     z = torch.where(drawn, z, torch.ones_like(z))
+    p = torch.cat([p[:, :2], z[:, None]], 1)
     x, y = p[:, 0] / z, p[:, 1] / z
     low, high = field_of_view(camera)
     xj, yj = x.clamp(low[0], high[0]), y.clamp(low[1], high[1])
-    lens = distort_jacobian(xj, yj, camera) * torch.tensor([[camera.fx], [camera.fy]], dtype=p.dtype)
+    focal = camera.intrinsics[:2]
+    lens = distort_jacobian(xj, yj, camera) * focal[:, None]
     zero, one = torch.zeros_like(z), torch.ones_like(z)
     perspective = torch.stack([one, zero, -xj, zero, one, -yj], -1).reshape(-1, 2, 3) / z[:, None, None]
-    to_image = lens @ perspective @ pose[:3, :3]
-    spread = rotations(quaternions) @ torch.diag_embed(log_scales.exp())
-    covariances = to_image @ spread @ spread.mT @ to_image.mT + LOW_PASS * torch.eye(2, dtype=p.dtype)
-    u, v = distort(x, y, camera)
-    centers = torch.stack([camera.fx * u + camera.cx, camera.fy * v + camera.cy], -1)
-    return Splats(centers, z, covariances, opacities, drawn)
+    spread = pose[:3, :3] @ rotations(quaternions) @ torch.diag_embed(log_scales.exp())
+    across = lens @ perspective @ spread
+    centers = pixels(p, camera)
+    covariances = across @ across.mT
+    if footprint == "unscented":
+        inside = (x == xj) & (y == yj)
+        moments = sigma_moments(p, spread, across, camera)
+        centers = torch.where(inside[:, None], centers + moments[0], centers)
+        covariances = torch.where(inside[:, None, None], moments[1], covariances)
+        across = torch.where(inside[:, None, None], moments[2], across)
+    sharp = covariances
+    covariances = sharp + (ANTIALIASED_LOW_PASS if antialias else LOW_PASS) * torch.eye(2, dtype=p.dtype)
+    if antialias:
+        opacities = opacities * (torch.linalg.det(sharp) / torch.linalg.det(covariances)).clamp_min(0).sqrt()
+        drawn = drawn & (opacities >= alpha_min)
+    with_depth = (across @ spread[:, 2, :, None])[..., 0]
+    slopes = torch.linalg.solve(covariances, with_depth)
+    return Splats(centers, z, covariances, opacities, drawn, slopes)
+
+
+def rays(means: torch.Tensor, pose: torch.Tensor) -> torch.Tensor:
+    """(x/z, y/z) of points (N, 3), shape (N, 2)."""
+    p = means @ pose[:3, :3].T + pose[:3, 3]
+    return p[:, :2] / p[:, 2:]
+
+
+def pixels(p: torch.Tensor, camera: Camera) -> torch.Tensor:
+    """Pixel positions of points in camera space (..., 3)."""
+    u, v = distort(p[..., 0] / p[..., 2], p[..., 1] / p[..., 2], camera)
+    return torch.stack([u, v], -1) * camera.intrinsics[:2] + camera.intrinsics[2:]
+
+
+def sigma_moments(p: torch.Tensor, spread: torch.Tensor, across: torch.Tensor, camera: Camera):
+    """Shift of the mean (N, 2), covariance (N, 2, 2) and odd parts (N, 2, 3) of the image of gaussians.
+
+    Fits u(t) = u0 + o t / h + e t^2 / 3 to three points on each axis, h = sqrt(3) where they are far enough
+    from the camera; for a standard normal t, t has variance 1, t^2 has mean 1 and variance 2. Columns of
+    `spread` (N, 3, 3) are the axes in camera space.
+    """
+    axes = spread.mT
+    reach = 0.5 * p[:, None, 2] / axes[..., 2].abs()
+    h = reach.clamp_max(math.sqrt(3))[..., None]
+    ends = [p[:, None] + sign * h * axes for sign in (1, -1)]
+    to_ends = [pixels(end, camera) - pixels(p, camera)[:, None] for end in ends]
+    valid = torch.stack([(e[..., :2] / e[..., 2:]).norm(dim=-1) < optics_of(camera).radius_max for e in ends])
+    valid = valid.all(0)[..., None]
+    odd = torch.where(valid, (to_ends[0] - to_ends[1]) / (2 * h), across.mT)
+    even = torch.where(valid, (to_ends[0] + to_ends[1]) / 6, torch.zeros_like(odd))
+    return even.sum(1), odd.mT @ odd + 2 * even.mT @ even, odd.mT
 
 
 def harmonics(directions: torch.Tensor, degree: int) -> torch.Tensor:

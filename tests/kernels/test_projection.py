@@ -22,19 +22,23 @@ def wide_scene(count: int = COUNT):
     return gaussians
 
 
-def projected(gaussians, camera: Camera, device: str = "cpu") -> tuple[Projection, dict[str, torch.Tensor]]:
-    pose = camera.world_to_camera.detach().clone().requires_grad_()
+def projected(
+    gaussians, camera: Camera, device: str = "cpu", **ways
+) -> tuple[Projection, dict[str, torch.Tensor]]:
+    """A projection, and the leaves that its gradients reach."""
     leaves = {name: tensor.detach().to(device).requires_grad_() for name, tensor in gaussians.named()}
     leaves.pop("sh")
-    projection = project(*leaves.values(), camera.with_pose(pose))
-    return projection, {**leaves, "pose": pose}
+    pose, intrinsics = (t.clone().requires_grad_() for t in (camera.world_to_camera, camera.intrinsics))
+    projection = project(*leaves.values(), camera.with_pose(pose).with_intrinsics(intrinsics), **ways)
+    return projection, {**leaves, "pose": pose, "intrinsics": intrinsics}
 
 
-def expected(gaussians, camera: Camera) -> tuple[oracle.Splats, dict[str, torch.Tensor]]:
+def expected(gaussians, camera: Camera, **ways) -> tuple[oracle.Splats, dict[str, torch.Tensor]]:
     leaves = {name: tensor.detach().double().requires_grad_() for name, tensor in gaussians.named()}
     leaves.pop("sh")
-    pose = camera.world_to_camera.detach().clone().requires_grad_()
-    return oracle.project(*leaves.values(), pose, camera), {**leaves, "pose": pose}
+    pose, intrinsics = (t.clone().requires_grad_() for t in (camera.world_to_camera, camera.intrinsics))
+    splats = oracle.project(*leaves.values(), pose, camera.with_intrinsics(intrinsics), **ways)
+    return splats, {**leaves, "pose": pose, "intrinsics": intrinsics}
 
 
 def inside_lens(gaussians, camera: Camera) -> torch.Tensor:
@@ -116,7 +120,7 @@ def test_culled_rows_are_exact_zeros_with_zero_gradient(lens):
     shapes = [found.centers.shape, found.depths.shape, found.conics.shape, found.opacities.shape]
     mixed_sum(found, [torch.ones(shape) for shape in shapes]).backward()
     for name, leaf in leaves.items():
-        if name != "pose":
+        if name not in ("pose", "intrinsics"):
             assert torch.equal(leaf.grad[culled], torch.zeros_like(leaf.grad[culled]))
             assert (leaf.grad[~culled] != 0).any()
 

@@ -1,16 +1,17 @@
 """Sigma points: how a gaussian spreads in the image when it goes through the whole camera, not its Jacobian.
 
-Along each axis of the gaussian two points at plus and minus h standard deviations go through perspective and
-lens; the parabola through them and the centre stands for the camera along that axis. Its moments under the
-gaussian are exact: the odd part o of the two displacements adds o o^T / h^2 to the covariance, the even part
-e adds 2 e e^T / h^4 and moves the mean by e / h^2. At h = sqrt(3) these are the moments of the unscented
-transform along one axis (Julier and Uhlmann 1997) and of the second-order divided differences (Norgaard et
-al. 2000, New developments in state estimation for nonlinear systems).
+Along each axis of the gaussian two points at plus and minus h = sqrt(3) standard deviations go through
+perspective and lens; the parabola through them and the centre stands for the camera along that axis. Its
+moments under the gaussian are exact: the odd part o of the two displacements adds o o^T / 3 to the
+covariance, the even part e adds 2 e e^T / 9 and moves the mean by e / 3. Along one axis these are the moments
+of the unscented transform (Julier and Uhlmann 1997), along all three those of second-order divided
+differences (Norgaard et al. 2000, New developments in state estimation for nonlinear systems).
 
 Invariants
-- The covariance is a Gram matrix of such rows, so it is positive semi-definite; the unscented transform's own
-  sum over three axes is not where h is smaller.
-- No sigma point comes nearer than a part of the centre's depth: h shrinks instead, continuously.
+- The covariance is a Gram matrix of such parts, so it is positive semi-definite; the unscented transform
+  subtracts products of different axes' even parts.
+- No sigma point comes nearer than a part of the centre's depth: h shrinks instead, continuously. The odd part
+  then stays a slope, o / h; of the even part only what was seen counts, not what the parabola would go on to.
 - A sigma point beyond the range of the lens turns its axis linear, as in the affine footprint.
 - On a pinhole camera displacements are formed without subtracting pixel positions, so they keep all digits.
 """
@@ -39,7 +40,7 @@ def spread_function(lens_kind: str, real: Any) -> Any:
     distort = lens_model(lens_kind, real).distort
     bent = lens_kind != "none"
     zero, half, one = real(0.0), real(0.5), real(1.0)
-    widest, even_scale = real(math.sqrt(3.0)), real(math.sqrt(0.5))
+    widest, even_scale = real(math.sqrt(3.0)), real(math.sqrt(0.5) / 3.0)
     nearest = real(1.0 - SPLATTING.sigma_depth)
 
     @wp.func
@@ -61,7 +62,7 @@ def spread_function(lens_kind: str, real: Any) -> Any:
                 ahead = distort(one_end[0], one_end[1], k) - seen
                 back = distort(other_end[0], other_end[1], k) - seen
             odd = (ahead - back) * (half / h)
-            even = (ahead + back) * (even_scale / (h * h))
+            even = (ahead + back) * even_scale
         return vec4(odd[0], odd[1], even[0], even[1])
 
     return spread

@@ -1,0 +1,43 @@
+"""What is off is not in a kernel's code; what is on compiles for a GPU, on a machine without one."""
+
+from dataclasses import replace
+
+import pytest
+
+from diga3d_warp.config import SPLATTING
+from diga3d_warp.kernels.harmonics import harmonics_kernel
+from diga3d_warp.kernels.projection import Projecting, projection_kernel
+
+PLAIN = Projecting()
+EXTRAS = {
+    "lens": (replace(PLAIN, lens_kind="fisheye"), "wp::atan("),
+    "slopes": (replace(PLAIN, slopes=True), "wp::array_store(var_depth_slopes"),
+    "unscented": (replace(PLAIN, footprint="unscented"), "wp::outer("),
+    "antialias": (replace(PLAIN, antialias=True), f"{PLAIN.alpha_min**2}"),
+    "float64": (replace(PLAIN, precision="float64"), "wp::float64"),
+    "circle": (replace(PLAIN, extent="circle"), f"= {SPLATTING.circle_radius};"),
+}
+"""Ways of projecting, each with a piece of code that it alone needs."""
+
+
+@pytest.mark.parametrize("name", EXTRAS)
+def test_a_projection_holds_only_what_is_asked_for(name, cuda_code):
+    kind, piece = EXTRAS[name]
+    assert piece in cuda_code(projection_kernel(kind))
+    others = [PLAIN, *(other for key, (other, _) in EXTRAS.items() if key != name)]
+    for other in others:
+        assert piece not in cuda_code(projection_kernel(other)), other
+
+
+def test_all_at_once_compiles(cuda_code):
+    kind = Projecting(
+        "brown", extent="circle", footprint="unscented", precision="float64", antialias=True, slopes=True
+    )
+    assert len(cuda_code(projection_kernel(kind))) > len(cuda_code(projection_kernel(PLAIN)))
+
+
+def test_harmonics_hold_only_the_terms_of_their_degree(cuda_code):
+    lengths = [len(cuda_code(harmonics_kernel(degree))) for degree in range(4)]
+    assert lengths == sorted(lengths) and lengths[3] > 3 * lengths[0]
+    flat = cuda_code(harmonics_kernel(0))
+    assert "wp::sqrt(" not in flat and "wp::sqrt(" in cuda_code(harmonics_kernel(1, "float64"))
