@@ -18,7 +18,7 @@ RANKS = (
     {"scene"},
     {"splatting"},
     {"gaussians", "priors"},
-    {"propagation", "evaluation"},
+    {"propagation", "evaluation", "objects"},
     {"pipelines"},
     {"doctor"},
     {"cli"},

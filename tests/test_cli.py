@@ -9,7 +9,7 @@ import pytest
 from diga3d_warp import cli
 from diga3d_warp.errors import InputError
 
-COMMANDS = ["fit", "remove", "render", "eval", "doctor", "synthetic", "demo"]
+COMMANDS = ["fit", "remove", "retexture", "render", "eval", "doctor", "synthetic", "demo"]
 HEAVY = ["torch", "warp", "cv2", "numpy", "scipy", "pycolmap", "kornia", "trimesh"]
 
 
@@ -85,7 +85,7 @@ def test_folder_without_a_run_is_one_line(command, tmp_path, capsys):
         assert cli.main([command, str(folder)]) == 2
         written = capsys.readouterr()
         assert written.err.startswith(f"diga3d: error: {folder} ")
-        assert "finished `diga3d fit`" in written.err
+        assert "give the --out folder of a finished run" in written.err
         assert written.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from diga3d_warp.gaussians.fit import FitSettings, fit
     from diga3d_warp.gaussians.parameters import Gaussians
     from diga3d_warp.pipelines.remove import remove
+    from diga3d_warp.pipelines.retexture import retexture
     from diga3d_warp.scene.camera import Camera, Distortion
     from diga3d_warp.scene.load import load_scene
     from diga3d_warp.scene.scene import Points, Scene, View
@@ -37,6 +38,7 @@ __all__ = [
     "remove",
     "render",
     "reproject",
+    "retexture",
 ]
 
 _HOMES = {
@@ -55,6 +57,7 @@ _HOMES = {
     "remove": "pipelines.remove",
     "render": "splatting.render",
     "reproject": "splatting.reproject",
+    "retexture": "pipelines.retexture",
 }
 
 

@@ -23,6 +23,7 @@ examples:
   diga3d fit captures/garden --out run/garden        photographs and poses to a splat .ply
   diga3d remove captures/statue --out run/statue     take the masked object out
   diga3d remove captures/statue --out run/statue --resume
+  diga3d retexture captures/bear --prompt "white marble" --out run/bear
   diga3d render run/statue --out statue.webm         a video along the cameras
   diga3d eval run/statue                             PSNR and SSIM on held-out views
   diga3d doctor                                      is everything in place on this machine?
@@ -107,15 +108,19 @@ def parser() -> argparse.ArgumentParser:
     )
     _add_run_options(remove)
     remove.add_argument("--prior", choices=["classical"], default="classical", help="what fills a view")
-    remove.add_argument(
-        "--references", type=_positive_int, default=3, metavar="K", help="views filled directly (default 3)"
+    _add_reference_options(remove)
+
+    retexture = add(
+        "retexture",
+        _retexture,
+        "give the masked object another material",
+        'diga3d retexture captures/bear --prompt "white marble" --out run/bear',
     )
-    remove.add_argument(
-        "--selection",
-        choices=["kmeans", "random"],
-        default="kmeans",
-        help="how references are chosen (default kmeans)",
+    _add_run_options(retexture)
+    retexture.add_argument(
+        "--prompt", required=True, metavar="TEXT", help="the material; a word of the built-in vocabulary"
     )
+    _add_reference_options(retexture)
 
     render = add("render", _render, "render a run along a path", "diga3d render run/statue --out statue.webm")
     render.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished run")
@@ -199,6 +204,22 @@ def _add_run_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--resume", action="store_true", help="go on with an interrupted run")
 
 
+def _add_reference_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--references",
+        type=_positive_int,
+        default=3,
+        metavar="K",
+        help="views that are edited first and stand for all (default 3)",
+    )
+    command.add_argument(
+        "--selection",
+        choices=["kmeans", "random"],
+        default="kmeans",
+        help="how references are chosen (default kmeans)",
+    )
+
+
 class _Version(argparse.Action):
     """Looks the version up only when asked: reading package metadata takes a while."""
 
@@ -256,6 +277,12 @@ def _remove(**options: Any) -> int:
     from diga3d_warp.pipelines.remove import remove_command
 
     return _show_run(remove_command(**options))
+
+
+def _retexture(**options: Any) -> int:
+    from diga3d_warp.pipelines.retexture import retexture_command
+
+    return _show_run(retexture_command(**options))
 
 
 def _show_run(run: Any) -> int:

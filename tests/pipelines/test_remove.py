@@ -33,7 +33,7 @@ def test_the_run_folder_holds_what_it_should(removed):
     assert len(names) == 9
     for folder in ("views/before", "views/after", "masks"):
         assert sorted(file.name for file in (removed.folder / folder).iterdir()) == names
-    stages = ["fit", "clear", "look-behind", "references", "fill", "refit", "views"]
+    stages = ["fit", "lift", "clear", "look-behind", "references", "fill", "refit", "views"]
     assert sorted(entry.name for entry in (removed.folder / "stages").iterdir()) == sorted(stages)
     manifest = json.loads((removed.folder / "manifest.json").read_text())
     assert [stage["name"] for stage in manifest["stages"]] == stages

@@ -53,7 +53,8 @@ remove(load_scene(Path(room)), Run(Path(folder), "remove", {"seed": 0}, resume=T
 # before it died in, so that calls count from there.
 DEATHS = {
     "fit": ("diga3d_warp.gaussians.fit", "_Fit._record", 120),
-    "clear": ("diga3d_warp.pipelines.stages", "write_image", 3),
+    "lift": ("diga3d_warp.pipelines.stages", "write_image", 3),
+    "clear": ("numpy", "save", 2),
     "look-behind": ("numpy", "save", 4),
     "references": ("diga3d_warp.pipelines.stages", "select_references", 1),
     "fill": ("numpy", "savez_compressed", 2),

@@ -2,7 +2,7 @@
 
 The folder holds
     point_cloud.ply   the result, standard 3DGS
-    source.ply        the splat before the edit (remove)
+    source.ply        the splat before the edit, where there was one
     cameras.json      the training and test cameras, for 3DGS viewers too
     views/            pictures: before/NAME.png, after/NAME.png
     masks/            the masks that were used: NAME.png, white = edited
@@ -27,7 +27,7 @@ METRICS = "metrics.json"
 MANIFEST = "manifest.json"
 REPORT = "report.html"
 
-REMEDY = "give the --out folder of a finished `diga3d fit` or `diga3d remove`"
+REMEDY = "give the --out folder of a finished run, such as that of `diga3d remove`"
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

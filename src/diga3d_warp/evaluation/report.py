@@ -54,9 +54,12 @@ def write_report(folder: Path) -> Path:
     """
     manifest, metrics = read_manifest(folder), read_metrics(folder)
     name = Path(manifest["settings"].get("scene") or folder).name
-    title = {"fit": f"A splat of {name}", "remove": f"{name} without the object"}.get(
-        manifest["command"], f"{manifest['command']}: {name}"
-    )
+    prompt = manifest["settings"].get("prompt")
+    title = {
+        "fit": f"A splat of {name}",
+        "remove": f"{name} without the object",
+        "retexture": f"{name}: {prompt}",
+    }.get(manifest["command"], f"{manifest['command']}: {name}")
     sections = [
         f"<h1>{escape(title)}</h1><code class=soft>{escape(manifest['command_line'])}</code>",
         _tiles(manifest, metrics),

@@ -13,6 +13,9 @@ from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.composite import composite
 from diga3d_warp.splatting.project import Projection, project
 
+SHOWN = 1e-3
+"""Blending weight over all views from which a gaussian has a colour of its own [pixels]."""
+
 
 @dataclass(frozen=True)
 class LiftSettings:
@@ -108,13 +111,42 @@ def object_rows(votes: Votes, settings: LiftSettings) -> torch.Tensor:
     return torch.where(seen, votes.share > settings.share, in_hull)
 
 
+def object_share(gaussians: Gaussians, camera: Camera, rows: torch.Tensor) -> torch.Tensor:
+    """Part of each pixel that the gaussians in `rows` (N,) take, behind what stands before them, (H, W)."""
+    colors = rows.to(torch.float32)[:, None].repeat(1, 3)
+    blended = composite(_projected(gaussians, camera), colors, camera.width, camera.height, with_depth=False)
+    return blended.color[..., 0]
+
+
 def object_mask(
     gaussians: Gaussians, camera: Camera, rows: torch.Tensor, settings: LiftSettings
 ) -> np.ndarray:
     """Where the gaussians in `rows` (N,) show in a camera, in front of the others, shape (H, W), bool."""
-    colors = rows.to(torch.float32)[:, None].repeat(1, 3)
-    blended = composite(_projected(gaussians, camera), colors, camera.width, camera.height, with_depth=False)
-    return (blended.color[..., 0] > settings.opacity).numpy()
+    return (object_share(gaussians, camera, rows) > settings.opacity).numpy()
+
+
+def lifted_colors(
+    gaussians: Gaussians, cameras: Sequence[Camera], images: Sequence[np.ndarray], masks: Sequence[np.ndarray]
+) -> torch.Tensor:
+    """Mean colour of the masked pixels that each gaussian shows in, by blending weight, shape (N, 3).
+
+    Args:
+        gaussians: N gaussians.
+        cameras: One per view.
+        images: One per view, RGB in [0, 1], shape (H, W, 3).
+        masks: One per view, shape (H, W), bool.
+
+    Returns:
+        Colours; for a gaussian that shows in no mask the mean of all others.
+    """
+    sums, total = torch.zeros(len(gaussians), 3), torch.zeros(len(gaussians), 1)
+    for camera, image, mask in zip(cameras, images, masks, strict=True):
+        inside = torch.from_numpy(mask.astype(np.float32))[..., None].expand(-1, -1, 3)
+        projection = _projected(gaussians, camera)
+        sums += blending_weights(projection, (torch.from_numpy(image) * inside).contiguous())
+        total += blending_weights(projection, inside.contiguous())[:, :1]
+    mean = sums.sum(dim=0) / total.sum().clamp_min(1e-12)
+    return torch.where(total > SHOWN, sums / total.clamp_min(SHOWN), mean)
 
 
 def _projected(gaussians: Gaussians, camera: Camera) -> Projection:

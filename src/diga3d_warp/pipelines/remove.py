@@ -1,7 +1,8 @@
 """Remove an object from a scene (paper Sec. 3, with the fill of one prior for all references).
 
 fit          the splat of the capture
-clear        masks lifted to gaussians, the object's gaussians deleted, masks widened
+lift         masks lifted to the object's gaussians, and widened
+clear        those gaussians deleted
 look-behind  each mask shrunk to what no view saw behind the object
 references   K views by k-means on camera centres
 fill         references filled in turn, their fill warped to the other views
@@ -111,7 +112,8 @@ def remove(
     check_removal(scene, settings)
     stages.begin(run, scene)
     source = stages.fit_source(run, scene, settings.fit, seed)
-    cleared = stages.clear_object(run, scene, source, settings.lift, settings.masking)
+    rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
+    cleared = stages.clear_object(run, views, source, rows, settings.lift)
     backgrounds, depths = stages.look_behind(run, cleared)
     references = stages.choose_references(run, cleared.views, settings.references, settings.selection, seed)
     fills = stages.fill_views(run, cleared.views, backgrounds, depths, references, prior, seed)

@@ -33,7 +33,7 @@ class Run:
 
     Attributes:
         folder: Where everything goes.
-        command: What is run: "fit" or "remove".
+        command: What is run: the name of the subcommand.
         settings: Everything that the result depends on, as JSON data; a path in it is absolute.
     """
 
@@ -44,7 +44,7 @@ class Run:
 
         Args:
             folder: Made if absent.
-            command: What is run: "fit" or "remove".
+            command: What is run: the name of the subcommand.
             settings: Everything that the result depends on: numbers, strings, None, paths, and lists of them.
                 `diga3d eval` and `diga3d render` read "scene", "masks", "image_scale" and "hold_out".
             resume: Go on with the run in `folder`; where none has begun, begin one.

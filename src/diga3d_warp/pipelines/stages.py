@@ -6,7 +6,7 @@ that was killed and resumed ends with the same bytes as one that was not.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,6 +33,7 @@ from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.splatting.render import render
 
 GAUSSIANS = RESULT
+LIFT = "lift"
 CURVE = "curve.json"
 
 
@@ -82,11 +83,9 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
             initialise(scene.points), targets, scene.extent, settings, seed=seed,
             checkpoint=folder / "checkpoint.pt", progress=True,
         )  # fmt: skip
-        _keep_fit(folder, result)
+        keep_fit(folder, result)
 
-    folder = run.stage("fit", compute)
-    run.add_metrics("fit", read_json(folder / CURVE, "run again"))
-    return Gaussians.load_ply(folder / GAUSSIANS)
+    return fitted(run, "fit", compute)
 
 
 def masked_views(scene: Scene) -> list[View]:
@@ -119,10 +118,10 @@ class Cleared:
     views: list[View]
 
 
-def clear_object(
+def lift_object(
     run: Run, scene: Scene, source: Gaussians, settings: LiftSettings, masking: MaskSettings
-) -> Cleared:
-    """Lift the masks to gaussians, delete those of the object, and widen the masks.
+) -> tuple[torch.Tensor, list[View]]:
+    """Which gaussians belong to the masked object, shape (N,), and the training views with widened masks.
 
     Views without a mask get one from the object's gaussians.
 
@@ -141,17 +140,36 @@ def clear_object(
         for view in [*scene.views, *scene.test_views]:
             mask = view.mask if view.mask is not None else object_mask(source, view.camera, rows, settings)
             write_image(folder / "masks" / f"{view.name}.png", widened(mask, masking))
+        np.save(folder / "object.npy", rows.numpy())
+
+    folder = run.stage(LIFT, compute)
+    views = [view.with_mask(_read_mask(folder / "masks" / f"{view.name}.png")) for view in scene.views]
+    return torch.from_numpy(np.load(folder / "object.npy")), views
+
+
+def clear_object(
+    run: Run, views: Sequence[View], source: Gaussians, rows: torch.Tensor, settings: LiftSettings
+) -> Cleared:
+    """Delete the object's gaussians.
+
+    Args:
+        run: Where to.
+        views: Training views with widened masks.
+        source: N gaussians.
+        rows: Those of the object, shape (N,).
+        settings: Which of the others may change.
+    """
+
+    def compute(folder: Path) -> None:
         left = source.select(~rows)
-        widened_masks = [_read_mask(folder / "masks" / f"{view.name}.png") for view in scene.views]
-        near = vote(left, [view.camera for view in scene.views], widened_masks)
+        near = vote(left, [view.camera for view in views], [_mask(view) for view in views])
         left.save_ply(folder / GAUSSIANS)
         np.save(folder / "free.npy", (near.share > settings.free_share).numpy())
         write_json(folder / "counts.json", {"object": int(rows.sum()), "left": int((~rows).sum())})
 
     folder = run.stage("clear", compute)
-    views = [view.with_mask(_read_mask(folder / "masks" / f"{view.name}.png")) for view in scene.views]
     free = torch.from_numpy(np.load(folder / "free.npy"))
-    return Cleared(Gaussians.load_ply(folder / GAUSSIANS), free, views)
+    return Cleared(Gaussians.load_ply(folder / GAUSSIANS), free, list(views))
 
 
 def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.ndarray]]:
@@ -174,7 +192,7 @@ def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.n
     backgrounds, depths = [], []
     for view in cleared.views:
         unseen = _read_mask(folder / f"{view.name}.unseen.png")
-        image = _read_image(folder / f"{view.name}.png")
+        image = read_picture(folder / f"{view.name}.png")
         backgrounds.append(Background(unseen, image, _mask(view) & ~unseen))
         depths.append(np.load(folder / f"{view.name}.depth.npy"))
     return backgrounds, depths
@@ -220,7 +238,7 @@ def fill_views(
     fills = []
     for view in views:
         with np.load(folder / f"{view.name}.npz") as planes:
-            fills.append(Fill(image=_read_image(folder / f"{view.name}.png"), **planes))
+            fills.append(Fill(image=read_picture(folder / f"{view.name}.png"), **planes))
     return fills
 
 
@@ -253,11 +271,9 @@ def refit(
             start, targets, extent, settings, seed=seed, held=held,
             checkpoint=folder / "checkpoint.pt", progress=True, label="refit",
         )  # fmt: skip
-        _keep_fit(folder, result)
+        keep_fit(folder, result)
 
-    folder = run.stage("refit", compute)
-    run.add_metrics("refit", read_json(folder / CURVE, "run again"))
-    return Gaussians.load_ply(folder / GAUSSIANS)
+    return fitted(run, "refit", compute)
 
 
 SEEDS_PER_REFERENCE = 12_000
@@ -282,7 +298,7 @@ def finish(run: Run, result: str) -> None:
     run.publish(run.folder / "stages" / result / GAUSSIANS, RESULT)
     if result != "fit":
         run.publish(run.folder / "stages" / "fit" / GAUSSIANS, SOURCE)
-        _publish_pictures(run, run.folder / "stages" / "clear" / "masks", "masks")
+        _publish_pictures(run, run.folder / "stages" / LIFT / "masks", "masks")
 
 
 def _publish_pictures(run: Run, source: Path, name: str) -> None:
@@ -305,7 +321,15 @@ def widened(mask: np.ndarray, settings: MaskSettings) -> np.ndarray:
     return cv2.dilate(mask.astype(np.uint8), disc) > 0
 
 
-def _keep_fit(folder: Path, result: FitResult) -> None:
+def fitted(run: Run, name: str, compute: Callable[[Path], None]) -> Gaussians:
+    """Run a stage that ends with `keep_fit`, and show its curve in the report."""
+    folder = run.stage(name, compute)
+    run.add_metrics(name, read_json(folder / CURVE, "run again"))
+    return Gaussians.load_ply(folder / GAUSSIANS)
+
+
+def keep_fit(folder: Path, result: FitResult) -> None:
+    """Write what a fit made into its stage's folder; its checkpoint has done its duty."""
     result.gaussians.save_ply(folder / GAUSSIANS)
     write_json(folder / CURVE, {"curve": result.curve})
     (folder / "checkpoint.pt").unlink(missing_ok=True)
@@ -316,7 +340,8 @@ def _mask(view: View) -> np.ndarray:
     return view.mask
 
 
-def _read_image(path: Path) -> np.ndarray:
+def read_picture(path: Path) -> np.ndarray:
+    """A stage's picture as RGB in [0, 1], shape (H, W, 3), float32."""
     import cv2
 
     return _decoded(path, cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)).astype(np.float32) / 255.0

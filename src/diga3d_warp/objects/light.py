@@ -1,0 +1,91 @@
+"""The light that falls on an object, estimated from how bright its surface is in each direction.
+
+On a matte surface under distant light, brightness is a smooth function of the normal that nine spherical
+harmonics describe (Ramamoorthi and Hanrahan 2001). Here they describe its logarithm, in which light and paint
+add up: paint does not follow the normal, so a fit over all of the surface keeps the light and averages the
+paint out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from diga3d_warp.materials.painting import GAMMA
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Weights of linear RGB (ITU-R BT.709)."""
+
+
+@dataclass(frozen=True)
+class LightSettings:
+    """How light is told from texture.
+
+    Attributes:
+        ridge: Weight that pulls each harmonic to zero [share of the surface], by degree. A surface seen from
+            one side only does not tell the light of the others.
+        black: Luminance under which a pixel is black [1], one step of 8 bits: its logarithm tells nothing.
+        darkest, brightest: Bounds of the shading [times its mean]: past them a fit tells more of texture.
+        albedo: What share of the light the surfaces of a scene send back on average: photographers' grey is
+            0.18; rooms and streets measured come to 0.2 to 0.4.
+        level_bounds: Bounds of the light [albedo 1 = white], against captures of one colour.
+    """
+
+    ridge: tuple[float, float, float] = (0.0, 0.01, 0.04)
+    black: float = 5e-4
+    darkest: float = 0.35
+    brightest: float = 1.9
+    albedo: float = 0.3
+    level_bounds: tuple[float, float] = (0.35, 1.1)
+
+
+LIGHT = LightSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """Light by the direction that a surface faces.
+
+    Attributes:
+        coefficients: Of the nine harmonics of `basis`, whose sum is the logarithm of the light relative to
+            `level`, shape (9,).
+        level: Mean light on the object: 1 shows a white surface as white.
+    """
+
+    coefficients: np.ndarray
+    level: float
+
+    def shading(self, normals: np.ndarray) -> np.ndarray:
+        """Light on surfaces with these unit normals (P, 3), relative to the mean, shape (P,)."""
+        return np.clip(np.exp(basis(normals) @ self.coefficients), LIGHT.darkest, LIGHT.brightest)
+
+    def on(self, normals: np.ndarray) -> np.ndarray:
+        """Light on surfaces with these unit normals (P, 3): linear colour = albedo * this, shape (P,)."""
+        return self.level * self.shading(normals)
+
+
+def basis(normals: np.ndarray) -> np.ndarray:
+    """The real harmonics of degree 0, 1 and 2 without their factors, shape (P, 9)."""
+    x, y, z = normals[:, 0], normals[:, 1], normals[:, 2]
+    one = np.ones_like(x)
+    return np.stack([one, x, y, z, x * y, y * z, z * x, x * x - y * y, 3 * z * z - 1], axis=1)
+
+
+def estimate_light(normals: np.ndarray, colors: np.ndarray, surroundings: np.ndarray) -> Light:
+    """The light on an object.
+
+    Args:
+        normals: Of points of its surface, shape (M, 3).
+        colors: Their display RGB, shape (M, 3).
+        surroundings: Display RGB of pixels around the object and of the object, shape (S, 3): their mean
+            brightness over `LIGHT.albedo` is the level.
+    """
+    bright = np.log(np.maximum(np.maximum(colors, 0.0) ** GAMMA @ LUMINANCE, LIGHT.black))
+    harmonics = basis(normals)
+    ridge = np.repeat(LIGHT.ridge, (1, 3, 5)) * len(normals)
+    solution = np.linalg.solve(harmonics.T @ harmonics + np.diag(ridge + 1e-9), harmonics.T @ bright)
+    solution[0] -= np.log(np.exp(harmonics @ solution).mean())
+    around = float((surroundings**GAMMA @ LUMINANCE).mean())
+    level = float(np.clip(around / LIGHT.albedo, *LIGHT.level_bounds))
+    return Light(solution, level)

@@ -1,0 +1,234 @@
+"""The surface of an object: the depth of all its views fused into points with normals.
+
+A fitted splat is a cloud about the surface, and the depth of each view wavers around it. A texture needs one
+surface that all views share, or its details would not meet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.scene.camera import Camera
+from diga3d_warp.splatting.optics import optics_of
+
+FAINT = 0.02
+"""Share of a pixel under which nobody would see what is there [1]; an 8-bit image has steps of 0.004."""
+
+
+SHADED = 4.0
+"""Radius over which normals are averaged before they are lit [spacings]: the depth of a splat dents the
+surface at smaller sizes, and light would show every dent."""
+
+
+@dataclass(frozen=True)
+class FuseSettings:
+    """How depth is fused.
+
+    Attributes:
+        blur: Deviation of the smoothing of a view's depth before normals are taken of it [px]: depth of a
+            splat wavers from gaussian to gaussian, over a few pixels.
+        slant: Least cosine between normal and line of sight. Surfaces seen more slanted have depth of little
+            worth.
+        resolution: Most points across the object; their spacing is its size by this. Finer than the waver of
+            depth gains nothing.
+        crowd: Pixels behind a point, on average; with fewer pixels in all, points lie further apart.
+        smoothing: Rounds in which each point moves to the plane of its neighbours.
+        neighbours: How many of them.
+        voices: Least number of pixels behind a point, of all views; lone ones are floaters.
+        lone: Parts of the object in an image that are smaller than this share of it are floaters, too.
+    """
+
+    blur: float = 1.5
+    slant: float = 0.2
+    resolution: int = 72
+    crowd: float = 8.0
+    smoothing: int = 3
+    neighbours: int = 14
+    voices: int = 3
+    lone: float = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """An object as one view shows it.
+
+    Attributes:
+        camera: At the size of the image.
+        image: The view before the edit, RGB in [0, 1], shape (H, W, 3), float32.
+        own: The object's part in the image: its colours times their blending weights, shape (H, W, 3).
+        share: The object's blending weight in [0, 1], shape (H, W), float32: under 1 at its rim, and where
+            something stands in front.
+        depth: z of the object alone [scene units], shape (H, W), float32; 0 where it is not.
+    """
+
+    camera: Camera
+    image: np.ndarray
+    own: np.ndarray
+    share: np.ndarray
+    depth: np.ndarray
+
+    @property
+    def mask(self) -> np.ndarray:
+        """Where most of the pixel is the object, shape (H, W), bool."""
+        return self.share > 0.5
+
+    @property
+    def touched(self) -> np.ndarray:
+        """Where any visible part of the pixel is the object, shape (H, W), bool."""
+        return (self.share > FAINT) & (self.depth > 0)
+
+    def repainted(self, colors: np.ndarray) -> np.ndarray:
+        """The view with other colours on the object, shape (H, W, 3), float32 in [0, 1].
+
+        Args:
+            colors: RGB in [0, 1] of the object, shape (H, W, 3); read where `touched`.
+        """
+        share = np.where(self.touched, self.share, 0.0)[..., None]
+        rest = self.image - np.where(share > 0, self.own, 0.0)
+        return np.clip(rest + share * colors, 0.0, 1.0).astype(np.float32)
+
+    @property
+    def points(self) -> np.ndarray:
+        """World position behind each touched pixel, shape (P, 3), in the order of `touched`."""
+        return unprojected(self.depth, self.camera)[self.touched]
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Points on the surface of an object.
+
+    Attributes:
+        points: World space [scene units], shape (M, 3), float64.
+        normals: Outer unit normals, shape (M, 3).
+        colors: Mean colour of the pixels that showed them, display RGB in [0, 1], shape (M, 3).
+        spacing: Distance between neighbours, about [scene units].
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    colors: np.ndarray
+    spacing: float
+
+    @cached_property
+    def _tree(self):
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.points)
+
+    def nearest(self, places: np.ndarray, count: int = 8) -> tuple[np.ndarray, np.ndarray]:
+        """Feet on the surface of places near it, and the normals there, both shape (P, 3).
+
+        Args:
+            places: World space, shape (P, 3).
+            count: Points that each foot is found from.
+        """
+        distance, index = self._tree.query(places, k=np.arange(1, min(count, len(self.points)) + 1))
+        width = distance[:, :1] + 0.5 * self.spacing
+        weight = np.exp(-0.5 * ((distance - distance[:, :1]) / width) ** 2)
+        weight /= weight.sum(axis=1, keepdims=True)
+        middle = (weight[..., None] * self.points[index]).sum(axis=1)
+        normal = unit((weight[..., None] * self.normals[index]).sum(axis=1))
+        return places - normal * ((places - middle) * normal).sum(axis=1, keepdims=True), normal
+
+    def smooth_normals(self, places: np.ndarray) -> np.ndarray:
+        """Normals near places (P, 3), averaged over `SHADED` spacings: without the waver of depth."""
+        return self._coarse.nearest(places, 4)[1]
+
+    @cached_property
+    def _coarse(self) -> Surface:
+        normals = self.normals
+        reach = self._tree.sparse_distance_matrix(self._tree, SHADED * self.spacing, output_type="coo_matrix")
+        weight = np.exp(-0.5 * (reach.data / (0.5 * SHADED * self.spacing)) ** 2)
+        sums = [np.bincount(reach.row, weight * normals[reach.col, k], len(normals)) for k in range(3)]
+        return Surface(self.points, unit(np.stack(sums, -1) + 1e-9 * normals), self.colors, self.spacing)
+
+
+def fuse(sights: Sequence[Sight], settings: FuseSettings | None = None) -> Surface:
+    """One surface from what all views show of an object.
+
+    Raises:
+        InputError: no view shows enough of the object.
+    """
+    settings = settings or FuseSettings()
+    parts = [_seen(sight, settings) for sight in sights]
+    points, normals, colors = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    if len(points) < settings.neighbours:
+        raise InputError(
+            "the object's gaussians show in no view: mask an object that the fitted splat has, or fit longer"
+        )
+    low, high = np.percentile(points, [1, 99], axis=0)
+    # The sides of a box of one size have 6 resolution^2 cells; of a slim object, seen from one side, a third.
+    affordable = np.sqrt(len(points) / (2.0 * settings.crowd))
+    spacing = max(float((high - low).max()), 1e-9) / min(settings.resolution, affordable)
+    cell = np.floor((points - low) / spacing).astype(np.int64)
+    _, group, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+    group = group.reshape(-1)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        sums = np.stack([np.bincount(group, values[:, k], len(count)) for k in range(3)], -1)
+        return (sums / count[:, None])[count >= settings.voices]
+
+    voiced = mean(points)
+    if len(voiced) < settings.neighbours:
+        raise InputError("the object is too small in every view: use a larger --image-scale or another mask")
+    surface = Surface(voiced, unit(mean(normals)), mean(colors), spacing)
+    for _ in range(settings.smoothing):
+        surface = Surface(*surface.nearest(surface.points, settings.neighbours), surface.colors, spacing)
+    return surface
+
+
+def without_floaters(share: np.ndarray, settings: FuseSettings | None = None) -> np.ndarray:
+    """The blending weight of an object (H, W) without small parts that lie apart."""
+    import cv2
+
+    lone = (settings or FuseSettings()).lone
+    count, label, stats, _ = cv2.connectedComponentsWithStats(
+        (share > FAINT).astype(np.uint8), connectivity=8
+    )
+    area = stats[:, cv2.CC_STAT_AREA]
+    keep = area >= lone * max(int(area[1:].sum()), 1) if count > 1 else np.zeros(1, bool)
+    keep[0] = False
+    return np.where(keep[label], share, 0.0).astype(np.float32)
+
+
+def _seen(sight: Sight, settings: FuseSettings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points, normals and colours of the pixels that show the object well, each shape (P, 3)."""
+    import cv2
+
+    inside = cv2.erode((sight.mask & (sight.depth > 0)).astype(np.uint8), np.ones((3, 3), np.uint8))
+    inside = inside.astype(np.float32)
+    blurred = cv2.GaussianBlur(np.where(inside > 0, sight.depth, 0).astype(np.float32), (0, 0), settings.blur)
+    share = cv2.GaussianBlur(inside, (0, 0), settings.blur)
+    smooth = blurred / np.maximum(share, 1e-6)
+    places = unprojected(smooth, sight.camera)
+    across, down = np.gradient(places, axis=1), np.gradient(places, axis=0)
+    normal = unit(np.cross(down, across))
+    to_eye = unit(sight.camera.center - places)
+    facing = (normal * to_eye).sum(axis=2)
+    well = (inside > 0) & (facing > settings.slant)
+    return places[well], normal[well], sight.image[well]
+
+
+def unprojected(depth: np.ndarray, camera: Camera) -> np.ndarray:
+    """World position of each pixel at its depth, shape (H, W, 3), float64.
+
+    Args:
+        depth: z along the camera axis [scene units], shape (H, W).
+        camera: At the size of the depth.
+    """
+    rays = optics_of(camera).rays.reshape(camera.height, camera.width, 2)
+    z = depth.astype(np.float64)
+    rays = np.where(np.isfinite(rays), rays, 0.0)
+    local = np.concatenate([rays * z[..., None], z[..., None]], axis=2)
+    pose = camera.pose
+    return (local - pose[:3, 3]) @ pose[:3, :3]
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors of length 1 along the last axis; zero stays zero."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

@@ -1,0 +1,143 @@
+"""Stages of retexture: the object in every view, its new look, and the fit of its colours to that."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from diga3d_warp.config import Effects
+from diga3d_warp.files import to_bytes, write_image
+from diga3d_warp.gaussians.density import spread_out
+from diga3d_warp.gaussians.fit import FitSettings, Target, fit
+from diga3d_warp.gaussians.lift import lifted_colors, object_share
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.kernels.harmonics import C0
+from diga3d_warp.objects.repaint import Repainter
+from diga3d_warp.objects.surface import Sight, without_floaters
+from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.propagation.references import References
+from diga3d_warp.scene.scene import View
+from diga3d_warp.splatting.render import render
+
+
+@dataclass(frozen=True)
+class SplitSettings:
+    """How fine the object's gaussians are made, before they get their new colours.
+
+    Attributes:
+        size: Geometric mean of the two larger deviations that is left whole [px]. A smooth old surface has
+            large gaussians, which could not show a new texture.
+        most: Most pieces of one gaussian.
+        spread: How far the pieces lie from the middle [its deviations], see `DensitySettings.spread`.
+    """
+
+    size: float = 1.2
+    most: int = 12
+    spread: float = 0.8
+
+
+def look_at_object(run: Run, views: Sequence[View], source: Gaussians, rows: torch.Tensor) -> list[Sight]:
+    """The object in every view: the image before, the object's part in it, and its depth."""
+
+    def compute(folder: Path) -> None:
+        for view in views:
+            sight = _sight(source, rows, view)
+            write_image(folder / f"{view.name}.png", sight.image)
+            np.savez_compressed(
+                folder / f"{view.name}.npz", own=sight.own, share=sight.share, depth=sight.depth
+            )
+
+    folder = run.stage("look", compute)
+    sights = []
+    for view in views:
+        with np.load(folder / f"{view.name}.npz") as planes:
+            image = stages.read_picture(folder / f"{view.name}.png")
+            sights.append(Sight(camera=view.camera, image=image, **planes))
+    return sights
+
+
+@torch.no_grad()
+def _sight(source: Gaussians, rows: torch.Tensor, view: View) -> Sight:
+    camera = view.camera
+    without = source.detached()
+    without.sh[~rows] = 0.0
+    without.sh[~rows, 0] = -0.5 / C0  # black: what is left is the object's part
+    colors_only = Effects(depth=False)
+    share = without_floaters(object_share(source, camera, rows).numpy())
+    depth = render(source.select(rows), camera).depth.numpy()
+    return Sight(
+        camera,
+        render(source, camera, effects=colors_only).color.clamp(0.0, 1.0).numpy(),
+        render(without, camera, effects=colors_only).color.numpy(),
+        share,
+        np.where(share > 0, depth, 0.0).astype(np.float32),
+    )
+
+
+def repaint(
+    run: Run, views: Sequence[View], sights: Sequence[Sight], references: References, repainter: Repainter,
+    seed: int,
+) -> list[np.ndarray]:  # fmt: skip
+    """Every view with the object's new look."""
+
+    def compute(folder: Path) -> None:
+        colors = repainter.repaint(sights, references.indices, seed)
+        for view, sight, painted in zip(views, sights, colors, strict=True):
+            write_image(folder / f"{view.name}.png", sight.repainted(painted))
+
+    folder = run.stage("repaint", compute)
+    return [stages.read_picture(folder / f"{view.name}.png") for view in views]
+
+
+def recolour(
+    run: Run, source: Gaussians, rows: torch.Tensor, sights: Sequence[Sight], images: Sequence[np.ndarray],
+    extent: float, settings: FitSettings, split: SplitSettings, seed: int,
+) -> Gaussians:  # fmt: skip
+    """Fit the object's gaussians to the repainted views; all others keep their values."""
+
+    def compute(folder: Path) -> None:
+        rest, thing = source.select(~rows), source.select(rows)
+        fine = _split(thing, sights, split, seed)
+        painted = _painted(rest.joined(fine), len(rest), sights, images)
+        targets = [
+            Target(sight.camera, torch.from_numpy(to_bytes(image)), depth=torch.from_numpy(sight.depth))
+            for sight, image in zip(sights, images, strict=True)
+        ]
+        held = torch.arange(len(painted)) < len(rest)
+        result = fit(
+            painted, targets, extent, settings, seed=seed, held=held,
+            checkpoint=folder / "checkpoint.pt", progress=True, label="refit",
+        )  # fmt: skip
+        stages.keep_fit(folder, result)
+
+    return stages.fitted(run, "refit", compute)
+
+
+def _split(gaussians: Gaussians, sights: Sequence[Sight], settings: SplitSettings, seed: int) -> Gaussians:
+    """The same gaussians, those wider than the pixels that show them in pieces."""
+    pixel = np.median([
+        float(np.median(sight.depth[sight.mask])) / sight.camera.fy for sight in sights if sight.mask.any()
+    ])  # fmt: skip
+    area = gaussians.scales.sort(dim=1).values[:, 1:].prod(dim=1) / (settings.size * float(pixel)) ** 2
+    pieces = area.ceil().clamp(1, settings.most).long()
+    generator = torch.Generator().manual_seed(seed)
+    whole = gaussians.select(pieces == 1)
+    broken = gaussians.select(torch.repeat_interleave(torch.arange(len(gaussians)), pieces * (pieces > 1)))
+    return whole.joined(spread_out(broken, settings.spread, generator)) if len(broken) else whole
+
+
+def _painted(
+    gaussians: Gaussians, first: int, sights: Sequence[Sight], images: Sequence[np.ndarray]
+) -> Gaussians:
+    """Gaussians whose rows from `first` on have the mean colour of the pixels that they show in."""
+    cameras, masks = [sight.camera for sight in sights], [sight.mask for sight in sights]
+    colors = lifted_colors(gaussians, cameras, images, masks)[first:]
+    painted = gaussians.detached()
+    painted.sh[first:] = 0.0
+    painted.sh[first:, 0] = (colors - 0.5) / C0
+    return painted

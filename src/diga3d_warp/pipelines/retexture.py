@@ -1,0 +1,160 @@
+"""Give an object of a scene another material; its shape and the light on it stay.
+
+fit          the splat of the capture
+lift         masks lifted to the object's gaussians, and widened
+look         the object in every view: its colours, its part of each pixel, its depth
+references   K views by k-means on camera centres
+repaint      the object's new look in every view
+refit        the object's gaussians, cut finer, fitted to the repainted views
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from diga3d_warp.gaussians.density import DensitySettings
+from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.gaussians.lift import LiftSettings
+from diga3d_warp.gaussians.optimiser import LearningRates
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.materials.vocabulary import material_of
+from diga3d_warp.objects.repaint import MaterialRepainter, Repainter
+from diga3d_warp.pipelines import recolouring, stages
+from diga3d_warp.pipelines.fit import conclude, fit_settings
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.propagation.references import check_reference_count
+from diga3d_warp.scene.load import load_scene
+from diga3d_warp.scene.scene import Scene
+
+RECOLOUR = FitSettings(
+    iterations=300,
+    budget=0,  # the object was cut finer before
+    depth_weight=0.1,
+    coarse_part=0.0,
+    sh_steps=(0.0, 0.0, 0.0),
+    rates=LearningRates(means=5e-5, log_scales=5e-3, quaternions=1e-3, opacity_logits=1e-2, sh_dc=1e-2),
+    density=DensitySettings(begin=0.1, end=0.6),
+)
+"""The fit of the object's colours. Its shape is right: means learn a tenth as fast as in a fit from points,
+and depth holds them."""
+
+
+@dataclass(frozen=True)
+class RetextureSettings:
+    """How an object is given another material.
+
+    Attributes:
+        fit: Fit of the capture.
+        refit: Fit of the object's colours.
+        split: How fine the object's gaussians are cut before.
+        lift: When a gaussian belongs to the object.
+        masking: How masks are widened.
+        references: Number K of references. Paper: 3.
+        selection: "kmeans", or "random" to compare.
+    """
+
+    fit: FitSettings = field(default_factory=FitSettings)
+    refit: FitSettings = RECOLOUR
+    split: recolouring.SplitSettings = field(default_factory=recolouring.SplitSettings)
+    lift: LiftSettings = field(default_factory=LiftSettings)
+    masking: stages.MaskSettings = field(default_factory=stages.MaskSettings)
+    references: int = 3
+    selection: str = "kmeans"
+
+
+@dataclass(frozen=True, eq=False)
+class RetextureResult:
+    """What a change of material leaves.
+
+    Attributes:
+        gaussians: The scene with the object in its new material.
+        source: The scene before the edit.
+        run: The run folder, with views, masks, metrics and stages.
+    """
+
+    gaussians: Gaussians
+    source: Gaussians
+    run: Run
+
+
+def check_retexture(scene: Scene, settings: RetextureSettings) -> None:
+    """Refuse what the first stages cannot notice: before a long fit, and before anything is written.
+
+    Raises:
+        InputError: no view has a mask, there are fewer views than references, or the scene's splat is not
+            usable.
+    """
+    stages.masked_views(scene)
+    check_reference_count(settings.references, len(scene.views))
+    stages.check_splat(scene)
+
+
+def retexture(
+    scene: Scene,
+    prompt: str,
+    run: Run,
+    settings: RetextureSettings | None = None,
+    *,
+    repainter: Repainter | None = None,
+    seed: int = 0,
+) -> RetextureResult:
+    """Give the masked object the material that a prompt names.
+
+    Args:
+        scene: With masks in at least one training view.
+        prompt: Such as "white marble".
+        run: Where stages and results go; finished stages of an interrupted run are taken up.
+        settings: How.
+        repainter: What makes the new look; the built-in materials if None.
+        seed: Same scene, prompt, settings and seed: same bytes.
+
+    Raises:
+        InputError: no view has a mask, the masks lift to nothing, there are fewer views than references, or
+            the prompt names no built-in material.
+    """
+    settings = settings or RetextureSettings()
+    repainter = repainter or MaterialRepainter(material_of(prompt))
+    check_retexture(scene, settings)
+    stages.begin(run, scene)
+    source = stages.fit_source(run, scene, settings.fit, seed)
+    rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
+    sights = recolouring.look_at_object(run, views, source, rows)
+    references = stages.choose_references(run, views, settings.references, settings.selection, seed)
+    images = recolouring.repaint(run, views, sights, references, repainter, seed)
+    edited = recolouring.recolour(
+        run, source, rows, sights, images, scene.extent, settings.refit, settings.split, seed
+    )
+    stages.show_views(run, scene, source, edited)
+    stages.finish(run, "refit")
+    return RetextureResult(edited, source, run)
+
+
+def retexture_command(
+    scene: Path, prompt: str, out: Path, masks: Path | None, image_scale: float, iterations: int | None,
+    hold_out: int, seed: int, resume: bool, references: int, selection: str,
+) -> Run:  # fmt: skip
+    """`diga3d retexture`: read the capture, change the object's material, measure, leave a run folder.
+
+    Raises:
+        InputError: the input or the run folder is not usable.
+    """
+    repainter = MaterialRepainter(material_of(prompt))
+    capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
+    settings = replace(
+        RetextureSettings(), fit=fit_settings(capture, iterations), references=references, selection=selection
+    )
+    check_retexture(capture, settings)
+    run = Run(
+        out,
+        "retexture",
+        {
+            "scene": scene, "prompt": prompt, "masks": masks, "image_scale": image_scale,
+            "hold_out": hold_out, "seed": seed, "iterations": settings.fit.iterations,
+            "references": references, "selection": selection,
+        },
+        resume=resume,
+    )  # fmt: skip
+    retexture(capture, prompt, run, settings, repainter=repainter, seed=seed)
+    conclude(run, capture)
+    return run
