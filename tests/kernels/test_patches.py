@@ -61,7 +61,9 @@ class Case:
     def array(self, values, dtype=wp.float32) -> wp.array:
         return wp.array(values, dtype=dtype, device=self.device)
 
-    def search(self, candidates: np.ndarray, seed: int = 0, draws: int = 6, spread: float = 8.0):
+    def search(
+        self, candidates: np.ndarray, seed: int = 0, draws: int = 6, spread: float = 8.0, apart: float = 0.0
+    ):
         """Candidates and distances after one step, shape (N, kept)."""
         outputs = [
             self.array(np.zeros(candidates.size), wp.int32),
@@ -69,7 +71,7 @@ class Case:
         ]
         search(
             FORM, self.queries(), self.keys(), ALONG, self.array(candidates.ravel(), wp.int32), outputs,
-            stride=1, draws=draws, spread=spread, seed=seed,
+            apart=apart, draws=draws, spread=spread, seed=seed,
         )  # fmt: skip
         found, distances = (output.numpy().reshape(candidates.shape) for output in outputs)
         return found, distances
@@ -137,6 +139,34 @@ def test_neighbours_hand_on_what_they_found(device):
         for dx in (-1, 0, 1):
             assert found[middle + dy * WIDTH + dx, 0] == (8 + dy) * SOURCE_WIDTH + 6 + dx
     assert (found >= 0).sum() == 9
+
+
+def test_a_way_that_neighbours_do_not_take_costs(device):
+    """Distances exceed the plain ones by the share of neighbours that go apart."""
+    case = Case(device)
+    apart = 0.5
+    candidates = case.none()
+    for seed in range(4):
+        candidates, _ = case.search(candidates, seed, apart=apart)
+    found, distances = case.search(candidates, 9, apart=apart)
+    plain, scale = case.distances(), case.scale.ravel()
+    differs = 0
+    for i, pixel in enumerate(case.pixels):
+        y, x = divmod(int(pixel), WIDTH)
+        led = []
+        for dy, dx in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
+            if 0 <= y + dy < HEIGHT and 0 <= x + dx < WIDTH:
+                other = case.slots[(y + dy) * WIDTH + x + dx]
+                if other >= 0 and candidates[other, 0] >= 0:
+                    ky, kx = divmod(int(candidates[other, 0]), SOURCE_WIDTH)
+                    if 0 <= ky - dy < SOURCE_HEIGHT and 0 <= kx - dx < SOURCE_WIDTH:
+                        led.append((ky - dy) * SOURCE_WIDTH + kx - dx)
+        for key, distance in zip(found[i], distances[i], strict=True):
+            if key >= 0:
+                share = sum(way != key for way in led) / len(led) if led else 0.0
+                assert np.isclose(distance, plain[i, key] + scale[key] * apart * share, rtol=2e-5)
+                differs += 0.0 < share < 1.0
+    assert differs > 10
 
 
 def test_the_result_does_not_depend_on_threads(threads):

@@ -2,13 +2,15 @@
 
 A query is a patch of one image, a key a patch of another (or of the same). Their distance is
 
-    d(i, j) = scale_j (sum over pixels and channels of W_i (q_i - k_j)^2 + a_x dx^2 + a_y dy^2)
+    d(i, j) = scale_j (sum over pixels and channels of W_i (q_i - k_j)^2 + a_x dx^2 + a_y dy^2 + b n_ij)
 
-with dx, dy the way between their centres. W belongs to the query: 1 / (2 s^2) where the query holds noise of
-variance s^2, more where it is known, zero outside its image. So softmax(-d) is the posterior over keys that
-may have given rise to the query, and `vote` takes its mean (Kamb and Ganguli 2024, Eq. 5; notes in
-`priors.exemplar`). Each query looks at few candidates: those it has, those of its neighbours, moved along,
-and random ones around its best (PatchMatch, Barnes et al. 2009).
+with dx, dy the way between their centres, and n the share of the query's neighbours whose nearest key lies
+another way. The last term favours pieces that are copied whole: without it, textures drown in the mean of
+overlapping patches that do not fit each other. W belongs to the query: 1 / (2 s^2) where the query holds
+noise of variance s^2, more where it is known, zero outside its image. So softmax(-d) is the posterior over
+keys that may have given rise to the query, and `vote` takes its mean; see `priors.exemplar.posterior`. Each
+query looks at few candidates: those it has, those of its neighbours, moved along, and random ones around its
+best (PatchMatch, Barnes et al. 2009).
 
 Invariants
 - Images are flat, channels innermost. The query and its weights are padded by the patch radius on all sides;
@@ -18,7 +20,8 @@ Invariants
 - `scale` is positive for keys and zero for pixels that are none; a candidate is a key or -1. No query has a
   candidate twice, and its candidates are sorted: the nearest comes first, -1 last.
 - A search reads the candidates of the step before and writes new ones, so that the result does not depend on
-  the order of queries. It never loses its nearest candidate, unless the query itself has changed.
+  the order of queries. Without the term for neighbours it never loses the nearest candidate, unless the query
+  has changed.
 - Random numbers depend on seed and query alone.
 """
 
@@ -60,6 +63,16 @@ class PatchForm:
         return 2 * self.radius + 1
 
 
+@wp.func
+def moved(key: int, dx: int, dy: int, width: int, pixels: int) -> int:
+    """A pixel of an image moved by (dx, dy); -1 outside the image, and for -1."""
+    x = key % width + dx
+    y = key // width + dy
+    if key < 0 or x < 0 or x >= width or y < 0 or y >= pixels // width:
+        return -1
+    return y * width + x
+
+
 @cache
 def search_kernel(form: PatchForm) -> wp.Kernel:
     """Kernel over queries: their nearest candidates, sorted, with distances."""
@@ -78,8 +91,8 @@ def search_kernel(form: PatchForm) -> wp.Kernel:
         scale: wp.array(dtype=float),
         source_width: int,
         along: wp.vec2,
+        apart: float,
         candidates: wp.array(dtype=int),
-        stride: int,
         draws: int,
         spread: float,
         seed: int,
@@ -89,8 +102,6 @@ def search_kernel(form: PatchForm) -> wp.Kernel:
     ):
         i = wp.tid() + offset
         pixel = pixels[i]
-        height = slots.shape[0] // width
-        source_height = scale.shape[0] // source_width
         x = pixel % width
         y = pixel // width
         padded_width = width + 2 * radius
@@ -106,6 +117,24 @@ def search_kernel(form: PatchForm) -> wp.Kernel:
                 patch[row * row_floats + lane] = query[cell]
                 weight[row * row_floats + lane] = weights[cell]
 
+        # The keys that lie the same way from here as the eight neighbours' nearest lie from them.
+        led = wp.zeros(shape=8, dtype=int)
+        present = float(0.0)
+        for place in range(8):
+            cell = place + wp.where(place > 3, 1, 0)
+            dx = cell % 3 - 1
+            dy = cell // 3 - 1
+            led[place] = -1
+            neighbour = moved(pixel, dx, dy, width, slots.shape[0])
+            if neighbour >= 0:
+                if slots[neighbour] >= 0:
+                    led[place] = moved(
+                        candidates[slots[neighbour] * kept], -dx, -dy, source_width, scale.shape[0]
+                    )
+            if led[place] >= 0:
+                present += 1.0
+        apart_each = apart / wp.max(present, 1.0)
+
         best = wp.zeros(shape=wp.static(kept), dtype=int)
         nearest = wp.zeros(shape=wp.static(kept), dtype=float)
         for slot in range(kept):
@@ -117,34 +146,16 @@ def search_kernel(form: PatchForm) -> wp.Kernel:
             if trial < kept:
                 key = candidates[i * kept + trial]
             elif trial < wp.static(kept + 8):
-                # The eight neighbours, without the middle one.
-                place = trial - kept
-                place += wp.where(place > 3, 1, 0)
-                dx = (place % 3 - 1) * stride
-                dy = (place // 3 - 1) * stride
-                if x + dx >= 0 and x + dx < width and y + dy >= 0 and y + dy < height:
-                    neighbour = slots[pixel + dy * width + dx]
-                    if neighbour >= 0:
-                        other = candidates[neighbour * kept]
-                        if other >= 0:
-                            kx = other % source_width - dx
-                            ky = other // source_width - dy
-                            if kx >= 0 and kx < source_width and ky >= 0 and ky < source_height:
-                                key = ky * source_width + kx
+                key = led[trial - kept]
             else:
-                centre = best[0]
-                across = wp.randf(random)
-                down = wp.randf(random)
-                if centre < 0:
+                if best[0] < 0:
                     # Nothing was found yet: anywhere.
-                    kx = int(across * float(source_width))
-                    ky = int(down * float(source_height))
+                    key = wp.randi(random, 0, scale.shape[0])
                 else:
-                    kx = centre % source_width + int(wp.round((2.0 * across - 1.0) * radius_now))
-                    ky = centre // source_width + int(wp.round((2.0 * down - 1.0) * radius_now))
+                    dx = int(wp.round(wp.randf(random, -radius_now, radius_now)))
+                    dy = int(wp.round(wp.randf(random, -radius_now, radius_now)))
+                    key = moved(best[0], dx, dy, source_width, scale.shape[0])
                     radius_now = wp.max(0.5 * radius_now, 1.0)
-                if kx >= 0 and kx < source_width and ky >= 0 and ky < source_height:
-                    key = ky * source_width + kx
             worth = float(0.0)
             if key >= 0:
                 worth = scale[key]
@@ -154,7 +165,13 @@ def search_kernel(form: PatchForm) -> wp.Kernel:
             if worth > 0.0:
                 dx_key = float(key % source_width - x)
                 dy_key = float(key // source_width - y)
-                way = along[0] * dx_key * dx_key + along[1] * dy_key * dy_key
+                agreed = float(0.0)
+                for place in range(8):
+                    if led[place] == key:
+                        agreed += 1.0
+                way = (
+                    along[0] * dx_key * dx_key + along[1] * dy_key * dy_key + apart_each * (present - agreed)
+                )
                 last = nearest[kept - 1]
                 if way * worth < last:
                     total = float(0.0)
@@ -170,13 +187,13 @@ def search_kernel(form: PatchForm) -> wp.Kernel:
                         total += part
                     d = (way + total) * worth
                     if d < last:
-                        place_at = int(kept - 1)
-                        while place_at > 0 and nearest[wp.max(place_at - 1, 0)] > d:
-                            nearest[place_at] = nearest[place_at - 1]
-                            best[place_at] = best[place_at - 1]
-                            place_at -= 1
-                        nearest[place_at] = d
-                        best[place_at] = key
+                        rank = int(kept - 1)
+                        while rank > 0 and nearest[wp.max(rank - 1, 0)] > d:
+                            nearest[rank] = nearest[rank - 1]
+                            best[rank] = best[rank - 1]
+                            rank -= 1
+                        nearest[rank] = d
+                        best[rank] = key
         for slot in range(kept):
             found[i * kept + slot] = best[slot]
             distances[i * kept + slot] = nearest[slot]
@@ -205,19 +222,15 @@ def vote_kernel(form: PatchForm) -> wp.Kernel:
     ):
         i = wp.tid() + offset
         pixel = targets[i]
-        x = pixel % width
-        y = pixel // width
-        height = slots.shape[0] // width
         total = float(0.0)
         color = wp.vec3(0.0, 0.0, 0.0)
         for row in range(side):
             for column in range(side):
-                # The query here shows the pixel at (column, row) of its patch.
-                qx = x + radius - column
-                qy = y + radius - row
+                # The query whose patch shows the pixel at (column, row).
+                centre = moved(pixel, radius - column, radius - row, width, slots.shape[0])
                 slot = int(-1)
-                if qx >= 0 and qx < width and qy >= 0 and qy < height:
-                    slot = slots[qy * width + qx]
+                if centre >= 0:
+                    slot = slots[centre]
                 if slot >= 0:
                     step = (row - radius) * source_width + column - radius
                     for rank in range(kept):
@@ -271,7 +284,7 @@ class Keys:
 
 def search(
     form: PatchForm, queries: Queries, keys: Keys, along: tuple[float, float], candidates: wp.array,
-    outputs: list[wp.array], *, stride: int, draws: int, spread: float, seed: int,
+    outputs: list[wp.array], *, apart: float, draws: int, spread: float, seed: int,
 ) -> None:  # fmt: skip
     """One step of the search: each query's nearest among known, neighbours' and random candidates.
 
@@ -281,7 +294,7 @@ def search(
         along: Cost of the way between centres, per px^2 across and down (a_x, a_y).
         candidates: Of the step before, shape [N * kept], int32; -1 for none.
         outputs: Candidates, int32, and their distances, float32, shape [N * kept].
-        stride: Way to the eight neighbours that are asked [px].
+        apart: Cost b of a candidate that no neighbour agrees with.
         draws: Number of random candidates.
         spread: Radius of the first random candidate [px]; each next one's is half, at least 1.
         seed: Of the random candidates.
@@ -290,7 +303,7 @@ def search(
         search_kernel(form), queries.pixels.size,
         [
             queries.pixels, queries.slots, queries.image, queries.weights, queries.width, keys.image,
-            keys.scale, keys.width, wp.vec2(*along), candidates, stride, draws, spread, seed,
+            keys.scale, keys.width, wp.vec2(*along), apart, candidates, draws, spread, seed,
         ],
         outputs, device=queries.pixels.device, work=10 * (form.kept + 8 + draws), uneven=True,
     )  # fmt: skip

@@ -54,7 +54,7 @@ def scales_of(source: Source, patches: PatchSettings = PATCHES, settings: FillSe
         patches_here = source.at(small, patches)
         if missing.any() and patches_here.count >= settings.keys_min:
             controls = patches_here.features[..., 3:]
-            scales.append(Scale(QueryScale(known, missing, controls, patches), patches_here))
+            scales.append(Scale(QueryScale(known, missing, controls, 2.0**power, patches), patches_here))
     return scales
 
 

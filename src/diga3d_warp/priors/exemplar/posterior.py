@@ -101,7 +101,7 @@ def attend_candidates(
         kernels.search(
             form, queries, keys, costs, warp_array(candidates.view(-1), wp.int32),
             [warp_array(found.view(-1), wp.int32), warp_array(distances.view(-1), wp.float32)],
-            stride=1, draws=s.draws, spread=spread, seed=seed + step,
+            apart=s.apart * query.unit(noise), draws=s.draws, spread=spread, seed=seed + step,
         )  # fmt: skip
         candidates = found
     attention = torch.softmax(-distances, 1)
@@ -165,7 +165,7 @@ def way_costs(query: QueryScale, source: SourceScale, noise: float) -> tuple[flo
     if not source.placed:
         return 0.0, 0.0
     s = query.settings
-    unit = query.precision(noise) * 3 * s.side**2 / (query.size[0] ** 2 + query.size[1] ** 2)
+    unit = query.unit(noise) * query.shrink**0.5 / (query.size[0] ** 2 + query.size[1] ** 2)
     return unit * s.across, unit * s.down
 
 

@@ -22,12 +22,14 @@ class QueryScale:
         known: Clean colours, shape (h, w, 3); of no meaning where `missing`.
         missing: Where colours are sought, shape (h, w), bool.
         controls: As those of the source, shape (h, w, c).
+        shrink: How many times smaller than the image it is [1].
         settings: Of the patches.
     """
 
     known: torch.Tensor
     missing: torch.Tensor
     controls: torch.Tensor
+    shrink: float = 1.0
     settings: PatchSettings = PATCHES
 
     @property
@@ -61,6 +63,10 @@ class QueryScale:
     def pasted(self, colors: torch.Tensor) -> torch.Tensor:
         """The known image with `colors` (h, w, 3) where colours are missing."""
         return torch.where(self.missing[..., None], colors, self.known)
+
+    def unit(self, noise: float) -> float:
+        """What a cost of 1 counts in the distances of patches that hold noise."""
+        return self.precision(noise) * 3 * self.settings.side**2
 
     def precision(self, noise: float) -> float:
         """1 / (2 s^2) of a missing pixel's colour, when it holds noise of this standard deviation."""

@@ -21,10 +21,14 @@ class PatchSettings:
         known_noise: Most that a known pixel inside a query may differ [1]. Known pixels are clean, but no
             patch has exactly theirs.
         across, down: Cost of a patch one image diagonal away, across and down the image, with the square of
-            the way [1]. What stands at one height in a photograph mostly lies at one depth. A way of a tenth
-            of the diagonal down costs as much as colours that differ by a third of their range's half.
+            the way [1]. What stands at one height in a photograph mostly lies at one depth. In an image
+            shrunk s times the cost is sqrt(s) times as much: coarse scales decide what lies where, and fine
+            ones choose among patches near by.
         depth: Cost of a depth greater or less by a factor of e, with the square of its logarithm [1].
         edges: Cost of an edge where there is none [1].
+        apart: Cost of a patch from which none of the neighbours' patches is copied on [1]. At zero textures
+            drown in the mean of patches that do not fit each other; at ten times this, pieces are copied
+            whole whose seams show.
         window: Standard deviation of a patch's vote around its centre [px].
         draws: Random candidates in each step of a search. With their radii halved, 6 reach from a quarter of
             a 500 px image to its pixel.
@@ -35,10 +39,11 @@ class PatchSettings:
     kept: int = 4
     noise_min: float = 0.02
     known_noise: float = 0.1
-    across: float = 1.0
-    down: float = 10.0
+    across: float = 0.25
+    down: float = 2.5
     depth: float = 3.0
     edges: float = 0.1
+    apart: float = 0.03
     window: float = 2.0
     draws: int = 6
     spread: float = 0.1
