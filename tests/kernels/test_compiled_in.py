@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from diga3d_warp.config import SPLATTING
 from diga3d_warp.kernels.harmonics import harmonics_kernel
+from diga3d_warp.kernels.normals import normals_kernel
 from diga3d_warp.kernels.projection import Projecting, projection_kernel
 
 PLAIN = Projecting()
@@ -15,7 +15,6 @@ EXTRAS = {
     "unscented": (replace(PLAIN, footprint="unscented"), "wp::outer("),
     "antialias": (replace(PLAIN, antialias=True), f"{PLAIN.alpha_min**2}"),
     "float64": (replace(PLAIN, precision="float64"), "wp::float64"),
-    "circle": (replace(PLAIN, extent="circle"), f"= {SPLATTING.circle_radius};"),
 }
 """Ways of projecting, each with a piece of code that it alone needs."""
 
@@ -29,11 +28,17 @@ def test_a_projection_holds_only_what_is_asked_for(name, cuda_code):
         assert piece not in cuda_code(projection_kernel(other)), other
 
 
+def test_a_circle_needs_no_reach_of_the_ellipse(cuda_code):
+    circle = cuda_code(projection_kernel(replace(PLAIN, extent="circle")))
+    assert "wp::log(" not in circle and "wp::log(" in cuda_code(projection_kernel(PLAIN))
+
+
 def test_all_at_once_compiles(cuda_code):
     kind = Projecting(
         "brown", extent="circle", footprint="unscented", precision="float64", antialias=True, slopes=True
     )
     assert len(cuda_code(projection_kernel(kind))) > len(cuda_code(projection_kernel(PLAIN)))
+    assert "wp::float64" in cuda_code(normals_kernel("float64"))
 
 
 def test_harmonics_hold_only_the_terms_of_their_degree(cuda_code):

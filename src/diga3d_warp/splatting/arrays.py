@@ -28,3 +28,13 @@ def like(tensor: torch.Tensor | None, reference: torch.Tensor) -> torch.Tensor:
     if tensor is None:
         return torch.zeros_like(reference)
     return tensor.to(reference.dtype).contiguous()
+
+
+def precision_of(tensor: torch.Tensor) -> str:
+    """Name of a tensor's precision, as in `config.Accuracy`."""
+    return str(tensor.dtype).removeprefix("torch.")
+
+
+def device_of(tensor: torch.Tensor) -> wp.Device:
+    """Warp's device where a tensor lies."""
+    return wp.device_from_torch(tensor.device)

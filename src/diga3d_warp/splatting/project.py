@@ -12,7 +12,7 @@ from diga3d_warp.kernels import projection
 from diga3d_warp.kernels.precision import types_of
 from diga3d_warp.kernels.projection import Projecting
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.splatting.arrays import like, warp_array, warp_arrays
+from diga3d_warp.splatting.arrays import device_of, like, warp_array, warp_arrays
 from diga3d_warp.splatting.optics import Optics, optics_of
 
 
@@ -113,7 +113,7 @@ class _Project(torch.autograd.Function):
         tails = [(2,), (), (3,), (2,), (), *([(2,)] if kind.slopes else [])]
         outputs = tuple(means.new_zeros((count, *tail)) for tail in tails)
         projection.project(
-            kind, count, _arguments(inputs, optics, kind), _outputs(outputs, kind), device=_device(means)
+            kind, count, _arguments(inputs, optics, kind), _outputs(outputs, kind), device=device_of(means)
         )
         ctx.save_for_backward(*inputs, *outputs)
         ctx.optics, ctx.kind = optics, kind
@@ -133,7 +133,7 @@ class _Project(torch.autograd.Function):
             _outputs(outputs, ctx.kind),
             [*warp_arrays(adj_inputs, _input_types(ctx.kind)), types.vec4(), types.vec2(), types.vec2(), 0.0],
             _outputs(adj_outputs, ctx.kind),
-            device=_device(inputs[0]),
+            device=device_of(inputs[0]),
         )
         return *adj_inputs, None, None
 
@@ -160,7 +160,3 @@ def _outputs(tensors, kind: Projecting) -> list[wp.array | None]:
     dtypes = (types.vec2, kind.real, types.vec3, types.vec2, kind.real)
     slopes = warp_array(tensors[5], types.vec2) if kind.slopes else None
     return [*warp_arrays(tensors[:5], dtypes), slopes]
-
-
-def _device(tensor: torch.Tensor) -> wp.Device:
-    return wp.device_from_torch(tensor.device)

@@ -8,7 +8,7 @@ import warp as wp
 from diga3d_warp.kernels import harmonics
 from diga3d_warp.kernels.precision import Types, types_of
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.splatting.arrays import REALS, like, warp_array, warp_arrays
+from diga3d_warp.splatting.arrays import REALS, device_of, like, precision_of, warp_array, warp_arrays
 from diga3d_warp.splatting.project import group_count
 
 MAX_DEGREE = 3
@@ -55,7 +55,7 @@ class _Shade(torch.autograd.Function):
         types = types_of(REALS[colors.dtype])
         harmonics.shade(
             degree, len(means), _arrays(inputs, types), [warp_array(colors, types.vec3)],
-            device=_device(means), precision=_precision(colors),
+            device=device_of(means), precision=precision_of(colors),
         )  # fmt: skip
         ctx.save_for_backward(*inputs, colors)
         ctx.degree = degree
@@ -73,19 +73,11 @@ class _Shade(torch.autograd.Function):
             [warp_array(colors, types.vec3)],
             [*warp_arrays((adj_means, adj_sh, adj_eyes), [types.vec3] * 3), None],
             [warp_array(like(adj_colors, colors), types.vec3)],
-            device=_device(colors),
-            precision=_precision(colors),
+            device=device_of(colors),
+            precision=precision_of(colors),
         )
         return adj_means, adj_sh, adj_eyes, None, None
 
 
 def _arrays(inputs, types: Types) -> list[wp.array]:
     return warp_arrays(inputs, (types.vec3, types.vec3, types.vec3, types.vec2))
-
-
-def _precision(tensor: torch.Tensor) -> str:
-    return str(tensor.dtype).removeprefix("torch.")
-
-
-def _device(tensor: torch.Tensor) -> wp.Device:
-    return wp.device_from_torch(tensor.device)
