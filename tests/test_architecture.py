@@ -17,7 +17,7 @@ RANKS = (
     {"kernels", "materials"},
     {"scene"},
     {"splatting"},
-    {"gaussians", "priors"},
+    {"gaussians", "perception", "priors"},
     {"propagation", "evaluation", "objects"},
     {"pipelines"},
     {"doctor"},

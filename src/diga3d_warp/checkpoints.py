@@ -49,6 +49,16 @@ def require_diffusion() -> None:
         raise InputError(f"{' and '.join(missing)} not installed: pip install 'diga3d-warp[diffusion]'")
 
 
+def _quiet() -> None:
+    """No progress bars and no advice from the libraries: what matters, we say ourselves."""
+    import diffusers.utils.logging
+    import transformers.utils.logging
+
+    for logging in (diffusers.utils.logging, transformers.utils.logging):
+        logging.set_verbosity_error()
+        logging.disable_progress_bar()
+
+
 def locate(checkpoint: Checkpoint, folder: str | Path | None = None) -> Path:
     """Folder of a model: the given one, or the one in the Hugging Face cache.
 
@@ -88,6 +98,7 @@ def load_model(model_class: Any, folder: Path) -> Any:
     """
     from safetensors import SafetensorError
 
+    _quiet()
     if not (folder / "config.json").is_file():
         raise InputError(f"{folder} lacks config.json: give a complete model folder in diffusers format")
     try:

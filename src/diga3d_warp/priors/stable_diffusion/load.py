@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -76,7 +75,6 @@ def load_stable_diffusion(
         InputError: something is missing, is a pickle, or does not fit; the line says what mends it.
     """
     require_diffusion()
-    _quiet()
     from diffusers import ControlNetModel, UNet2DConditionModel
 
     known = PRIORS.get(str(prior))
@@ -189,14 +187,3 @@ def _read_json(file: Path) -> dict[str, Any]:
         return json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{file} cannot be read: give a complete folder in diffusers format") from error
-
-
-def _quiet() -> None:
-    """No progress bars and no advice from the libraries: errors are ours to word."""
-    os.environ.setdefault("HF_HUB_DISABLE_PROGRESS_BARS", "1")
-    import diffusers.utils.logging
-    import transformers.utils.logging
-
-    for logging in (diffusers.utils.logging, transformers.utils.logging):
-        logging.set_verbosity_error()
-        logging.disable_progress_bar()

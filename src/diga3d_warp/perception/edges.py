@@ -1,0 +1,36 @@
+"""Texture maps: the edges that a ControlNet follows (paper Sec. 3.3)."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from diga3d_warp.files import to_bytes
+
+CANNY_LOW, CANNY_HIGH = 100.0, 200.0
+"""Hysteresis thresholds on the gradient of 8-bit brightness; those of ControlNet's annotator."""
+
+RIM = 3
+"""Edges nearer than this to a pixel without colour are left out [px]: Canny's smoothing and gradient together
+see 2 px far, and a warped image would be outlined where it ends."""
+
+
+def canny_edges(image: torch.Tensor, valid: torch.Tensor | None = None) -> torch.Tensor:
+    """Canny's edges of an image.
+
+    Args:
+        image: RGB in [0, 1], shape (H, W, 3).
+        valid: False where a warped image has no colour, shape (H, W), bool; everywhere valid if None.
+
+    Returns:
+        1 on edges, 0 elsewhere, shape (H, W), float32, on the image's device.
+    """
+    import cv2
+
+    brightness = cv2.cvtColor(to_bytes(image), cv2.COLOR_RGB2GRAY)
+    edges = cv2.Canny(brightness, CANNY_LOW, CANNY_HIGH) > 0
+    if valid is not None:
+        side = 2 * RIM + 1
+        gone = (~valid).cpu().numpy().astype(np.uint8)
+        edges &= cv2.dilate(gone, np.ones((side, side), np.uint8)) == 0
+    return torch.from_numpy(edges.astype(np.float32)).to(image.device)
