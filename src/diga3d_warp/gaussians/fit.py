@@ -11,6 +11,7 @@ from typing import Any
 import torch
 
 from diga3d_warp.config import Effects
+from diga3d_warp.errors import InputError
 from diga3d_warp.files import whole_file
 from diga3d_warp.gaussians.density import DensitySettings, relocate_and_grow, walk
 from diga3d_warp.gaussians.losses import depth_loss, photometric_loss
@@ -140,9 +141,14 @@ def fit(
         checkpoint: File to go on from if it exists, and to save to.
         progress: Show a bar on stderr.
         label: Name of the bar.
+
+    Raises:
+        InputError: there are no gaussians.
     """
     from tqdm import trange
 
+    if len(gaussians) == 0:
+        raise InputError("there are no gaussians to fit: start from one at least")
     fitting = _Fit(gaussians, targets, extent, settings, seed, held)
     if checkpoint is not None and checkpoint.exists():
         fitting.load(checkpoint)

@@ -36,11 +36,11 @@ def depth_loss(
 
     Args:
         depth: Rendered z [scene units], shape (H, W).
-        wanted: Depth to reach, shape (H, W); 0 where it is not known.
+        wanted: Depth to reach, shape (H, W); 0, or not finite, where it is not known.
         weight: Pixels of weight 0 do not count, shape (H, W); None for all.
         aligned: Fit scale and shift of `wanted` to `depth` first.
     """
-    known = (wanted > 0.0) & (depth.detach() > 0.0)
+    known = (wanted > 0.0) & wanted.isfinite() & (depth.detach() > 0.0)
     if weight is not None:
         known &= weight > 0.0
     if not known.any():
