@@ -113,6 +113,20 @@ def test_equal_depths_keep_the_order_of_their_indices(swapped):
     assert (out.color[..., front] > 5 * out.color[..., 1 - front]).all()
 
 
+@pytest.mark.parametrize("depth", [0.0101, 2.0, 1e6, 1e12])
+@pytest.mark.parametrize("swapped", [False, True])
+def test_depths_that_differ_in_their_last_bit_are_sorted(depth, swapped):
+    """The whole float is the key: a depth in 16 bits, or one that is linear in a range, would tie."""
+    near = torch.tensor(depth)
+    depths = [near.item(), torch.nextafter(near, torch.tensor(torch.inf)).item()]
+    red, green = [0.9, 0.0, 0.0], [0.0, 0.9, 0.0]
+    out, _ = rendered(
+        stack([0.9, 0.9], [red, green], depths[::-1] if swapped else depths, WALL + math.log(depth))
+    )
+    front = 1 if swapped else 0
+    assert (out.color[..., front] > 5 * out.color[..., 1 - front]).all()
+
+
 @pytest.mark.parametrize("degree", [0, 3])
 def test_no_gaussians_give_the_background(degree):
     out, leaves = rendered(random_gaussians(0, degree=degree))
