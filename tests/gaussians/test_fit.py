@@ -244,3 +244,40 @@ def test_the_curve_is_the_mean_over_its_interval(start, targets, monkeypatch):
     result = fit(start, targets, 1.0, replace(SETTINGS, iterations=CURVE_INTERVAL + 5))
     assert len(result.curve) == 1
     assert result.curve[0]["loss"] == pytest.approx(np.mean(losses[:CURVE_INTERVAL]))
+
+
+def test_a_guide_pulls_and_resumes_with_the_same_bytes(start, targets, tmp_path):
+    """A guide draws random numbers; an interrupted fit goes on with the ones that were due."""
+    done_parts = []
+
+    def guide(image, done, generator):
+        done_parts.append(done)
+        return (
+            5.0 * (image - torch.rand(3, generator=generator) * torch.tensor([1.0, 0.0, 0.0])).square().mean()
+        )
+
+    guided = [replace(target, guide=guide) for target in targets]
+    settings = replace(SETTINGS, iterations=20, coarse_part=0.0)
+    whole = fit(start, guided, 1.0, settings).gaussians
+    assert done_parts == [k / 20 for k in range(20)]
+    plain = fit(start, targets, 1.0, settings).gaussians
+    red = [float(render(g, targets[0].camera).color[..., 1:].mean()) for g in (whole, plain)]
+    assert red[0] < red[1] - 0.02
+
+    file = tmp_path / "checkpoint.pt"
+    stopped = fitting._Fit(start, guided, 1.0, settings, 0, None)
+    for _ in range(7):
+        stopped.step()
+    stopped.save(file)
+    resumed = fit(start, guided, 1.0, settings, checkpoint=file).gaussians
+    assert torch.equal(resumed.means, whole.means)
+    assert torch.equal(resumed.sh, whole.sh)
+
+
+def test_a_guide_is_not_asked_about_coarse_images(start, targets):
+    def guide(image, done, generator):
+        assert image.shape == (HEIGHT, WIDTH, 3)
+        return image.sum() * 0.0
+
+    guided = [replace(target, guide=guide) for target in targets]
+    fit(start, guided, 1.0, replace(SETTINGS, iterations=10, coarse_part=0.5))

@@ -4,7 +4,12 @@ import pytest
 import torch
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.priors.distillation import DistillationSettings, distillation_loss, distillation_timestep
+from diga3d_warp.priors.distillation import (
+    DistillationSettings,
+    TextureGeometryGuide,
+    distillation_loss,
+    distillation_timestep,
+)
 from diga3d_warp.priors.guidance import Guidance, guided_noise
 from diga3d_warp.priors.protocol import Control, Prompts
 from diga3d_warp.priors.schedule import Schedule
@@ -53,6 +58,18 @@ def test_unmasked_pixels_get_exactly_nothing(images, masks, options):
     assert (found[~masks] == 0.0).all()
 
 
+def test_a_guide_is_the_weighted_loss_of_one_view(images, masks):
+    prior = GaussianPrior()
+    control = Control("edges", torch.ones(1, 8, 10), 0.8)
+    settings = DistillationSettings(weight=0.25, annealed=False)
+    guide = TextureGeometryGuide(prior, masks[0], GUIDANCE, (control,), settings)
+    found = guide(images[0], 0.3, torch.Generator().manual_seed(6))
+    generator = torch.Generator().manual_seed(6)
+    t = distillation_timestep(prior.schedule, 0.3, settings, generator)
+    expected = distillation_loss(prior, images[:1], masks[:1], GUIDANCE, [control], t=t, generator=generator)
+    torch.testing.assert_close(found, 0.25 * expected)
+
+
 def test_what_is_not_a_number_is_left_out(images, masks):
     prior = GaussianPrior()
     exact = prior.predict_noise
@@ -98,7 +115,7 @@ def test_timesteps_fall_from_the_noisy_end_to_the_clean_one():
 
 
 def test_timesteps_are_drawn_from_the_whole_range():
-    schedule, settings = Schedule.scaled_linear(), DistillationSettings(0.2, 0.6, annealed=False)
+    schedule, settings = Schedule.scaled_linear(), DistillationSettings(t_min=0.2, t_max=0.6, annealed=False)
     generator = torch.Generator().manual_seed(0)
     steps = [distillation_timestep(schedule, 0.0, settings, generator) for _ in range(500)]
     assert 200 <= min(steps) < 210
@@ -107,6 +124,6 @@ def test_timesteps_are_drawn_from_the_whole_range():
 
 def test_bad_settings_and_shapes(images, masks):
     with pytest.raises(InputError, match=r"timesteps from 0.5 to 0.5 are no range"):
-        DistillationSettings(0.5, 0.5)
+        DistillationSettings(t_min=0.5, t_max=0.5)
     with pytest.raises(InputError, match=r"do not fit"):
         distillation_loss(GaussianPrior(), images, masks[:1], GUIDANCE, t=500, generator=torch.Generator())

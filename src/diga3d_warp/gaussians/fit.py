@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,11 @@ class FitSettings:
     checkpoint_seconds: float = 20.0
 
 
+Guide = Callable[[torch.Tensor, float, torch.Generator], torch.Tensor]
+"""Loss of a rendering (H, W, 3), of the part of the fit that is done in [0, 1], and of random numbers that an
+interrupted fit takes up again."""
+
+
 @dataclass(frozen=True, eq=False)
 class Target:
     """What the gaussians should look like from one camera.
@@ -67,6 +72,7 @@ class Target:
         depth: z along the camera axis [scene units], shape (H, W); 0 where it is not known. None: nowhere.
         relative_depth: `depth` is right up to scale and shift only, as from a monocular estimator; it is
             aligned to the rendering at every step.
+        guide: Further loss on the rendering, such as score distillation; None for none.
     """
 
     camera: Camera
@@ -74,6 +80,7 @@ class Target:
     weight: torch.Tensor | None = None
     depth: torch.Tensor | None = None
     relative_depth: bool = False
+    guide: Guide | None = None
 
     @property
     def color(self) -> torch.Tensor:
@@ -81,7 +88,7 @@ class Target:
         return self.image.float() / 255.0 if self.image.dtype == torch.uint8 else self.image
 
     def halved(self) -> Target:
-        """The target at half the size; depth is dropped, which has no mean across an edge."""
+        """The target at half the size; depth, which has no mean across an edge, and guide are dropped."""
         size = (max(1, self.camera.height // 2), max(1, self.camera.width // 2))
 
         def shrink(planes: torch.Tensor) -> torch.Tensor:
@@ -92,7 +99,12 @@ class Target:
             color = (color * 255.0).round().to(torch.uint8)
         weight = None if self.weight is None else shrink(self.weight[None])[0]
         return replace(
-            self, camera=self.camera.resized(size[1], size[0]), image=color, weight=weight, depth=None
+            self,
+            camera=self.camera.resized(size[1], size[0]),
+            image=color,
+            weight=weight,
+            depth=None,
+            guide=None,
         )
 
 
@@ -202,6 +214,8 @@ class _Fit:
             loss = loss + s.depth_weight * depth_loss(
                 rendering.depth, target.depth, target.weight, aligned=target.relative_depth
             )
+        if target.guide is not None:
+            loss = loss + target.guide(rendering.color, done, self.generator)
         regularised = loss + s.opacity_weight * gaussians.opacities.mean()
         regularised = regularised + s.scale_weight * gaussians.scales.mean() / self.extent
         rendering.projection.centers.retain_grad()

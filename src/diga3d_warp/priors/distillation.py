@@ -20,15 +20,18 @@ from diga3d_warp.priors.views import resize_images, resize_masks
 
 @dataclass(frozen=True)
 class DistillationSettings:
-    """Which timesteps score distillation draws.
+    """How strong score distillation is, and which timesteps it draws.
 
     Attributes:
+        weight: lambda of TG-SDS beside a photometric loss of weight 1 [1]. The paper does not state it;
+            MVIP-NeRF: 1e-4.
         t_min: Least noisy timestep [share of the schedule]. DreamFusion: 0.02.
         t_max: Noisiest timestep [share of the schedule]. DreamFusion: 0.98.
         annealed: Timesteps fall as the optimisation goes on, t_max - (t_max - t_min) sqrt(progress)
             (MVIP-NeRF, DreamTime); otherwise they are drawn evenly from the range, as the paper writes.
     """
 
+    weight: float = 1e-4
     t_min: float = 0.02
     t_max: float = 0.98
     annealed: bool = True
@@ -36,6 +39,40 @@ class DistillationSettings:
     def __post_init__(self) -> None:
         if not 0.0 <= self.t_min < self.t_max <= 1.0:
             raise InputError(f"timesteps from {self.t_min} to {self.t_max} are no range within 0 to 1")
+
+
+@dataclass(frozen=True, eq=False)
+class TextureGeometryGuide:
+    """TG-SDS for one view, as a fit takes it (`gaussians.fit.Target.guide`).
+
+    Attributes:
+        prior: What estimates noise.
+        mask: True where the edit is, shape (H, W), bool.
+        guidance: Prompts and their weight.
+        controls: Texture and depth map of the view, one row each (`propagation.conditions`).
+        settings: Strength and timesteps.
+    """
+
+    prior: DiffusionPrior
+    mask: torch.Tensor
+    guidance: Guidance
+    controls: tuple[Control, ...] = ()
+    settings: DistillationSettings = DistillationSettings()
+
+    def __call__(self, image: torch.Tensor, done: float, generator: torch.Generator) -> torch.Tensor:
+        """Weighted loss of a rendering.
+
+        Args:
+            image: RGB, shape (H, W, 3). Carries gradient, zero outside the mask.
+            done: Part of the optimisation that is done, in [0, 1].
+            generator: Of timestep and noise.
+        """
+        t = distillation_timestep(self.prior.schedule, done, self.settings, generator)
+        masks = self.mask[None].to(image.device)
+        loss = distillation_loss(
+            self.prior, image[None], masks, self.guidance, self.controls, t=t, generator=generator
+        )
+        return self.settings.weight * loss.to(image.device)
 
 
 def distillation_timestep(

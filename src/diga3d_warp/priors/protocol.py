@@ -82,6 +82,11 @@ class Conditioning:
         return Conditioning(self.latent[chosen].to(device), self.mask[chosen].to(device), channels)
 
 
+EDGES_SCALE = 0.8
+DEPTH_SCALE = 1.0
+"""Condition scales of texture and depth (paper, appendix)."""
+
+
 @dataclass(frozen=True)
 class Control:
     """An image that the generated one has to follow (ControlNet).
@@ -89,7 +94,7 @@ class Control:
     Attributes:
         kind: Edges (0 or 1), or inverse depth in [0, 1] with near bright, as ControlNet was trained.
         image: One channel for each of B images, shape (B, H, W), float32 in [0, 1].
-        scale: Weight of the control [1]. The paper: edges 0.8, depth 1.0.
+        scale: Weight of the control [1]: `EDGES_SCALE` or `DEPTH_SCALE`.
     """
 
     kind: Literal["edges", "depth"]

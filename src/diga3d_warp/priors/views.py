@@ -16,10 +16,6 @@ from diga3d_warp.priors.plan import plan_sampling
 from diga3d_warp.priors.protocol import Conditioning, Control, DiffusionPrior, check_fill
 from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, initial_noise, sample_views
 
-EDGES_SCALE = 0.8
-DEPTH_SCALE = 1.0
-"""Condition scales of texture and depth (paper, appendix)."""
-
 
 @dataclass(frozen=True)
 class ViewControl:

@@ -1,0 +1,53 @@
+"""Texture and depth maps that carry a reference's inpainting to another view (paper Sec. 3.3).
+
+The paper warps the reference, takes Canny's edges of what arrives, and estimates depth of it anew. Here the
+warped depth itself is the depth map: it is the same surface in all views, which an estimate for each is not.
+Where no mask is, or nothing arrives, the view's own rendering says what is there.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from diga3d_warp.perception.depth import depth_control
+from diga3d_warp.perception.edges import canny_edges
+from diga3d_warp.priors.protocol import DEPTH_SCALE, EDGES_SCALE, Control
+from diga3d_warp.scene.camera import Camera
+from diga3d_warp.splatting.reproject import reproject
+
+
+def texture_geometry(
+    reference_image: torch.Tensor,
+    reference_depth: torch.Tensor,
+    reference: Camera,
+    image: torch.Tensor,
+    depth: torch.Tensor,
+    mask: torch.Tensor,
+    camera: Camera,
+) -> tuple[Control, Control]:
+    """Texture map C' and depth map D' of one view, warped from the reference of its cluster.
+
+    Args:
+        reference_image: Inpainted reference, RGB in [0, 1], shape (H, W, 3).
+        reference_depth: z in the reference's camera [scene units], shape (H, W); 0 where unknown.
+        reference: Camera of the reference.
+        image: The view as the splat shows it, shape (h, w, 3).
+        depth: z of the splat in the view, shape (h, w).
+        mask: True where the edit is, shape (h, w), bool.
+        camera: Camera of the view.
+
+    Returns:
+        Edges and inverse depth, one row each, with the paper's scales. No edge is drawn near pixels that
+        neither the reference nor the view's unmasked part shows.
+    """
+    with torch.no_grad():
+        warped = reproject(reference_image, reference_depth, reference, camera)
+        carried = mask & warped.visible
+        known = carried | ~mask
+        picture = torch.where(carried[..., None], warped.image, image)
+        surface = torch.where(carried, warped.depth, depth)
+        edges = canny_edges(torch.where(known[..., None], picture, 0.0), known)
+        return (
+            Control("edges", edges[None], EDGES_SCALE),
+            Control("depth", depth_control(surface, known)[None], DEPTH_SCALE),
+        )
