@@ -19,6 +19,8 @@ from diga3d_warp.splatting.optics import optics_of
 
 NEAR, LOW_PASS, ANTIALIASED_LOW_PASS, MARGIN = 0.01, 0.3, 0.1, 1.3
 ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN = 0.99, 1 / 255, 1e-4
+VISIBLE = 1e-5
+"""A comparison with a smaller threshold may fall either way: no test looks that closely."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +46,16 @@ class Splats:
 class Image:
     """A blended image.
 
-    `certain` (H, W) is False where a comparison was so close that float32 may decide it otherwise.
+    `certain` (H, W) is False where a comparison was so close that float32 may decide it otherwise. `weights`
+    (H, W, N) are those of the gaussians by index. `median_depth` is where transmittance falls below a half.
     """
 
     color: torch.Tensor
     depth_sum: torch.Tensor
     transmittance: torch.Tensor
     certain: torch.Tensor
+    weights: torch.Tensor
+    median_depth: torch.Tensor
 
 
 def distort(x: torch.Tensor, y: torch.Tensor, camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
@@ -202,28 +207,55 @@ def shade(means: torch.Tensor, sh: torch.Tensor, pose: torch.Tensor, degree: int
     return (0.5 + torch.einsum("nk,nkc->nc", harmonics(directions, degree), sh[:, :terms])).clamp_min(0)
 
 
-def composite(centers, conics, depths, opacities, colors, drawn, width: int, height: int) -> Image:
-    """Blend all gaussians in every pixel, nearest first, with the cut-offs of 3DGS."""
-    order = torch.argsort(depths, stable=True)
-    order = order[drawn[order]]
+def composite(
+    centers, conics, depths, opacities, colors, drawn, width: int, height: int, *,
+    alpha_min: float = ALPHA_MIN, transmittance_min: float = TRANSMITTANCE_MIN, extents=None, slopes=None,
+) -> Image:  # fmt: skip
+    """Blend all gaussians in every pixel, nearest first, with the cut-offs of 3DGS.
+
+    Gaussians end at the borders of their boxes if half widths and heights, `extents` (N, 2), are given. With
+    `slopes` (N, 2), the change of depth per pixel, each pixel has an order of its own.
+    """
     columns = torch.arange(width, dtype=torch.float64) + 0.5
     rows = torch.arange(height, dtype=torch.float64) + 0.5
-    dx = centers[order, 0] - columns.expand(height, width)[..., None]
-    dy = centers[order, 1] - rows[:, None].expand(height, width)[..., None]
-    xx, xy, yy = conics[order].unbind(1)
-    raw = opacities[order] * torch.exp(-0.5 * (xx * dx**2 + yy * dy**2) - xy * dx * dy)
+    dx = centers[:, 0] - columns.expand(height, width)[..., None]
+    dy = centers[:, 1] - rows[:, None].expand(height, width)[..., None]
+    xx, xy, yy = conics.unbind(1)
+    raw = opacities * torch.exp(-0.5 * (xx * dx**2 + yy * dy**2) - xy * dx * dy)
+    raw = torch.where(drawn, raw, 0.0)
+    if extents is not None:
+        raw = torch.where((dx.abs() <= extents[:, 0]) & (dy.abs() <= extents[:, 1]), raw, 0.0)
     alpha = raw.clamp_max(ALPHA_MAX)
-    alpha = torch.where(alpha < ALPHA_MIN, 0.0, alpha)
+    alpha = torch.where(alpha < alpha_min, 0.0, alpha)
+
+    near = torch.argsort(depths, stable=True)
+    z = depths.expand(height, width, -1).detach()
+    if slopes is not None:
+        z = z - slopes[:, 0] * dx.detach() - slopes[:, 1] * dy.detach()
+    order = near[torch.argsort(z[..., near], dim=-1, stable=True)]
+    alpha = alpha.gather(-1, order)
     after = torch.cumprod(1 - alpha, -1)
-    alpha = torch.where(after < TRANSMITTANCE_MIN, 0.0, alpha)
+    alpha = torch.where(after < transmittance_min, 0.0, alpha)
     after_drawn = torch.cumprod(1 - alpha, -1)
     before = torch.cat([torch.ones_like(after_drawn[..., :1]), after_drawn], -1)
-    weights = alpha * before[..., :-1]
+    weights = torch.zeros_like(alpha).scatter(-1, order, alpha * before[..., :-1])
+    falls = (before[..., :-1] >= 0.5) & (before[..., 1:] < 0.5)
+    median_depth = (falls * depths[order]).sum(-1)
 
-    close = (raw / ALPHA_MIN - 1).abs() < 1e-3
-    close |= (raw / ALPHA_MAX - 1).abs() < 1e-4
-    close |= (after / TRANSMITTANCE_MIN - 1).abs() < 1e-2
-    return Image(weights @ colors[order], weights @ depths[order], before[..., -1], ~close.any(-1))
+    close = ((raw / ALPHA_MAX - 1).abs() < 1e-4).any(-1)
+    close |= ((after / 0.5 - 1).abs() < 1e-4).any(-1)
+    if alpha_min > VISIBLE:
+        close |= ((raw / alpha_min - 1).abs() < 1e-3).any(-1)
+    if transmittance_min > VISIBLE:
+        close |= ((after / transmittance_min - 1).abs() < 1e-2).any(-1)
+    if extents is not None:
+        close |= (((dx.abs() - extents[:, 0]).abs() < 1e-4) | ((dy.abs() - extents[:, 1]).abs() < 1e-4)).any(
+            -1
+        )
+    if slopes is not None:
+        drawn_z = torch.where(alpha > 0, z.gather(-1, order), torch.inf).sort(-1).values
+        close |= ((drawn_z[..., 1:] - drawn_z[..., :-1]) < 1e-5 * drawn_z[..., :-1]).any(-1)
+    return Image(weights @ colors, weights @ depths, before[..., -1], ~close, weights, median_depth)
 
 
 def render(parameters, pose: torch.Tensor, background: torch.Tensor, camera: Camera, degree: int):

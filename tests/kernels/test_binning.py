@@ -98,6 +98,23 @@ def test_lists_do_not_depend_on_the_number_of_threads(threads):
         assert all(np.array_equal(a, b) for a, b in zip(results[0], other, strict=True))
 
 
+def test_float64_lists_the_same_and_orders_by_all_its_digits():
+    centers, depths, extents = boxes()
+    fine = depths.astype(np.float64) - 1e-12 * np.arange(COUNT)
+    kinds = (wp.vec2d, wp.float64, wp.vec2d)
+    arrays = [
+        wp.array(part.astype(np.float64), dtype=kind, device="cpu")
+        for part, kind in zip((centers, fine, extents), kinds, strict=True)
+    ]
+    bins = bin_gaussians(*arrays, 64, 48)
+    starts, gaussians = bins.starts.numpy(), bins.gaussians.numpy()
+    wanted = searched(centers, fine, extents, 64, 48)
+    for (a, b), inside in zip(pairwise(starts), wanted, strict=True):
+        listed = gaussians[a:b].tolist()
+        assert set(inside) <= set(listed) and len(listed) <= len(inside) + COUNT // 4
+        assert [i for i in listed if i in set(inside)] == inside
+
+
 @pytest.mark.parametrize("count", [0, 1, COUNT])
 def test_an_empty_view_has_empty_lists(count):
     centers, depths, extents = (part[:count] for part in boxes())

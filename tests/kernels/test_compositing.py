@@ -1,18 +1,27 @@
 """Blending against the plain float64 renderer, on splats given in the image plane."""
 
+import math
+from dataclasses import replace
+
+import numpy as np
 import pytest
 import torch
 
 import oracle
-from diga3d_warp.kernels import compositing, compositing_adjoint
+from diga3d_warp.config import Accuracy, Effects
+from diga3d_warp.kernels import blending, compositing, compositing_adjoint
 from diga3d_warp.splatting.composite import Composite, composite
 from diga3d_warp.splatting.project import Projection
 
 COUNT = 200
 NAMES = ("centers", "conics", "depths", "opacities", "colors")
+EXACT = replace(Accuracy.EXACT, pixel_order=False)
+ACCURACIES = {"draft": Accuracy.DRAFT, "standard": Accuracy.STANDARD, "exact": EXACT}
 
 
-def splats(width: int, height: int) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+def splats(
+    width: int, height: int, accuracy: Accuracy = Accuracy.STANDARD
+) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
     """Splats of all sizes and opacities over an image, and their extents; every ninth is culled."""
     random = torch.Generator().manual_seed(3)
 
@@ -25,7 +34,7 @@ def splats(width: int, height: int) -> tuple[dict[str, torch.Tensor], torch.Tens
     covariance = turn @ torch.diag_embed(axes**2) @ turn.mT
     inverse = torch.linalg.inv(covariance)
     opacities = torch.where(uniform(COUNT) < 0.2, 0.99 + 0.01 * uniform(COUNT), uniform(COUNT))
-    reach = (2 * torch.log((255 * opacities).clamp_min(1))).sqrt() * 1.001
+    reach = (2 * torch.log((opacities / accuracy.alpha_min).clamp_min(1))).sqrt() * 1.001
     extents = reach[:, None] * covariance.diagonal(dim1=1, dim2=2).sqrt()
     extents[::9] = 0.0
     fields = {
@@ -34,58 +43,102 @@ def splats(width: int, height: int) -> tuple[dict[str, torch.Tensor], torch.Tens
         "depths": 1 + 5 * uniform(COUNT),
         "opacities": opacities,
         "colors": 1.5 * uniform(COUNT, 3),
+        "normals": torch.nn.functional.normalize(uniform(COUNT, 3) - 0.5, dim=1),
     }
-    return {name: fields[name].float() for name in NAMES}, extents.float()
+    return {name: fields[name].float() for name in (*NAMES, "normals")}, extents.float()
 
 
 def blended(
-    width: int, height: int, device: str = "cpu", with_depth: bool = True
+    width: int,
+    height: int,
+    device: str = "cpu",
+    accuracy: Accuracy = Accuracy.STANDARD,
+    effects: Effects = Effects(),
+    everything: bool = True,
 ) -> tuple[Composite, dict[str, torch.Tensor]]:
-    fields, extents = splats(width, height)
+    """An image and the leaves of its gradient; with normals and median depth if `everything`."""
+    fields, extents = splats(width, height, accuracy)
     leaves = {name: value.to(device).requires_grad_() for name, value in fields.items()}
     projection = Projection(
         leaves["centers"], leaves["depths"], leaves["conics"], extents.to(device), leaves["opacities"]
     )
-    return composite(projection, leaves["colors"], width, height, with_depth=with_depth), leaves
+    extra = {"normals": leaves["normals"], "median_depth": True} if everything else {}
+    image = composite(
+        projection, leaves["colors"], width, height, accuracy=accuracy, effects=effects, **extra
+    )
+    return image, leaves
 
 
-def expected(width: int, height: int) -> tuple[oracle.Image, dict[str, torch.Tensor]]:
-    fields, extents = splats(width, height)
+def expected(
+    width: int, height: int, accuracy: Accuracy = Accuracy.STANDARD
+) -> tuple[list[torch.Tensor], torch.Tensor, dict[str, torch.Tensor]]:
+    """Images in the order of `Composite`, where they are certain, and the leaves."""
+    fields, extents = splats(width, height, accuracy)
     leaves = {name: value.double().requires_grad_() for name, value in fields.items()}
-    return oracle.composite(*leaves.values(), extents[:, 0] > 0, width, height), leaves
+    image = oracle.composite(
+        *(leaves[name] for name in NAMES), extents[:, 0] > 0, width, height,
+        alpha_min=accuracy.alpha_min, transmittance_min=accuracy.transmittance_min,
+        extents=extents.double() if accuracy.extent == "circle" else None,
+    )  # fmt: skip
+    normal_sum = image.weights @ leaves["normals"]
+    parts = [image.color, image.depth_sum, image.transmittance, normal_sum, image.median_depth]
+    return parts, image.certain, leaves
 
 
-@pytest.mark.parametrize("width,height", [(64, 48), (37, 29)])
-def test_values_agree_with_float64(width, height, device):
-    found, _ = blended(width, height, device)
-    image, _ = expected(width, height)
-    assert image.certain.float().mean() > 0.9
-    assert image.transmittance.min() < 2e-4  # finished pixels
-    assert image.transmittance.max() > 0.05
-    for value, reference in zip(found, (image.color, image.depth_sum, image.transmittance), strict=True):
+@pytest.mark.parametrize(
+    "name,size,tolerance",
+    [
+        ("standard", (64, 48), 1e-5),
+        ("standard", (37, 29), 1e-5),
+        ("exact", (37, 29), 5e-6),
+        ("draft", (37, 29), 3e-5),
+    ],
+)
+def test_values_and_gradients_agree_with_float64(name, size, tolerance, device):
+    found, leaves = blended(*size, device, ACCURACIES[name])
+    parts, certain, references = expected(*size, ACCURACIES[name])
+    assert certain.float().mean() > 0.9
+    transmittance = parts[2]
+    assert transmittance.min() < 10 * ACCURACIES[name].transmittance_min  # finished pixels
+    assert transmittance.max() > 0.05
+    assert (parts[4] > 1).float().mean() > 0.3
+    for value, reference in zip(found, parts, strict=True):
         error = (value.detach().cpu().double() - reference).abs()
-        assert error[image.certain].max() < 1e-5 * max(1.0, reference.max().item())
+        assert error[certain].max() < tolerance * max(1.0, reference.max().item())
 
-
-@pytest.mark.parametrize("width,height", [(64, 48), (37, 29)])
-def test_gradients_agree_with_float64(width, height, device):
-    found, leaves = blended(width, height, device)
-    image, references = expected(width, height)
-    oracle.weighted_sum(found, image.certain).backward()
-    blend = (image.color, image.depth_sum, image.transmittance)
-    oracle.weighted_sum(blend, image.certain).backward()
-    for name, leaf in leaves.items():
-        reference = references[name].grad
+    oracle.weighted_sum(found, certain).backward()
+    oracle.weighted_sum(parts, certain).backward()
+    for field, leaf in leaves.items():
+        reference = references[field].grad
         assert reference.abs().max() > 0.1
         error = (leaf.grad.cpu().double() - reference).norm() / reference.norm()
-        assert error < 1e-4, f"{name}: {error}"
+        assert error < 1e-4, f"{field}: {error}"
+
+
+def test_a_gaussian_can_end_at_its_box():
+    """As 3DGS's circle of 3 standard deviations: where alpha is still above the skip."""
+    accuracy = Accuracy(extent="circle")
+    fields, extents = splats(37, 29)
+    leaves = {name: value.double() for name, value in fields.items()}
+    small = 0.4 * extents
+    projection = Projection(fields["centers"], fields["depths"], fields["conics"], small, fields["opacities"])
+    found = composite(projection, fields["colors"], 37, 29, accuracy=accuracy)
+    parts = {}
+    for name, boxes in (("box", small.double()), ("none", None)):
+        parts[name] = oracle.composite(
+            *(leaves[name] for name in NAMES), extents[:, 0] > 0, 37, 29, extents=boxes
+        )
+    certain = parts["box"].certain
+    assert certain.float().mean() > 0.8
+    assert (found.color.double() - parts["box"].color).abs()[certain].max() < 1e-5
+    assert (found.color.double() - parts["none"].color).abs()[certain].max() > 0.05
 
 
 def test_lanes_of_a_gpu_give_the_same_image_and_gradients(monkeypatch, threads):
     """The CUDA form of the kernels, one pixel a thread, run on this machine's CPU."""
     threads(1)  # its atomic additions are none on CPU
     results = []
-    for lanes in (compositing.CPU_LANES, compositing.CUDA_LANES):
+    for lanes in (blending.CPU_LANES, blending.CUDA_LANES):
         for module in (compositing, compositing_adjoint):
             monkeypatch.setattr(module, "lanes_of", lambda device, lanes=lanes: lanes)
         found, leaves = blended(37, 29)
@@ -95,11 +148,12 @@ def test_lanes_of_a_gpu_give_the_same_image_and_gradients(monkeypatch, threads):
         torch.testing.assert_close(first, second, rtol=1e-4, atol=1e-5 * first.abs().max().item())
 
 
-def test_depth_costs_nothing_where_it_is_not_asked_for():
-    """Its code is compiled out; colours and their gradients are the same bits."""
+def test_what_is_not_asked_for_leaves_the_rest_as_it_is():
+    """Its code is compiled out, and its arrays are empty; colours are the same bits."""
     full, leaves = blended(37, 29)
-    bare, bare_leaves = blended(37, 29, with_depth=False)
+    bare, bare_leaves = blended(37, 29, effects=Effects(depth=False), everything=False)
     assert not bare.depth_sum.any()
+    assert bare.normal_sum is None and bare.median_depth is None
     assert torch.equal(full.color, bare.color)
     for image in (full, bare):
         (image.color.square().sum() + image.transmittance.sum()).backward()
@@ -110,7 +164,7 @@ def test_depth_costs_nothing_where_it_is_not_asked_for():
 
 def test_bits_do_not_depend_on_the_number_of_threads(threads):
     results = []
-    for count in (1, 2, 3):
+    for count in (1, 2, 4, 7):
         threads(count)
         found, leaves = blended(130, 100)
         oracle.weighted_sum(found, torch.ones(100, 130, dtype=torch.bool)).backward()
@@ -119,8 +173,85 @@ def test_bits_do_not_depend_on_the_number_of_threads(threads):
         assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
 
 
-def test_the_polynomial_is_the_exponential():
-    power = torch.linspace(-8, 0, 1001, dtype=torch.float64)
-    x = power / 8
-    polynomial = sum(c * x**k for k, c in enumerate(compositing.EXP))
-    assert ((polynomial**8 / power.exp()) - 1).abs().max() < 4e-7
+def few(count: int = 7) -> list[torch.Tensor]:
+    """Leaves in float64: broad splats with alphas far from every cut-off, in the order of `whole`."""
+    random = torch.Generator().manual_seed(5)
+
+    def uniform(*shape: int) -> torch.Tensor:
+        return torch.rand(shape, generator=random, dtype=torch.float64)
+
+    conics = torch.tensor([0.02, 0.004, 0.03]).double() * (0.8 + 0.4 * uniform(count, 3))
+    leaves = [6 * uniform(count, 2), conics, 1 + uniform(count), 0.25 + 0.3 * uniform(count)]
+    return [leaf.requires_grad_() for leaf in (*leaves, uniform(count, 3), uniform(count, 3))]
+
+
+def whole(centers, conics, depths, opacities, colors, normals) -> tuple[torch.Tensor, ...]:
+    """All five images of splats without borders, in float64."""
+    projection = Projection(centers, depths, conics, torch.full_like(centers, 50.0), opacities)
+    return tuple(
+        composite(
+            projection, colors, 6, 5, accuracy=replace(EXACT, precision="float64"), normals=normals,
+            median_depth=True,
+        )
+    )  # fmt: skip
+
+
+def test_float64_kernels_pass_gradcheck():
+    leaves = few()
+    image = oracle.composite(*leaves[:5], torch.ones(7, dtype=torch.bool), 6, 5)
+    assert ((image.transmittance > 1e-3) & (image.transmittance < 0.5)).all(), "every pixel has a median"
+    found = whole(*leaves)
+    assert found[0].dtype == torch.float64
+    for value, reference in zip(
+        found,
+        (image.color, image.depth_sum, image.transmittance, image.weights @ leaves[5], image.median_depth),
+        strict=True,
+    ):
+        torch.testing.assert_close(value, reference, rtol=1e-12, atol=1e-12)
+    assert torch.autograd.gradcheck(whole, leaves, eps=1e-6, atol=1e-7, rtol=1e-5)
+
+
+@pytest.mark.parametrize("alpha_min", [1 / 64, 1 / 255, 1e-7])
+@pytest.mark.parametrize("degree", blending.EXP_DEGREES)
+def test_the_polynomial_is_the_exponential(alpha_min, degree):
+    """As close as its description says, and below alpha_min at the end of its range."""
+    coefficients, squarings, reach = blending.exponential(alpha_min, degree)
+    power = np.linspace(-reach, 0, 2001)
+    found = np.polynomial.Polynomial(coefficients)(power / 2**squarings) ** (2**squarings)
+    span = reach / 2**squarings
+    promised = 2**squarings * 2 * (span / 4) ** (degree + 1) / math.factorial(degree + 1)
+    error = np.abs(found / np.exp(power) - 1).max()
+    assert 0.5 < span <= 1.0
+    assert 0.8 * promised < error < 3 * promised
+    assert found[0] < alpha_min
+
+
+@pytest.mark.parametrize(
+    "degree,least,most", [(2, 1e-4, 2e-2), (3, 2e-5, 2e-3), (4, 5e-7, 1e-4), (6, 0, 3e-6), (8, 0, 3e-6)]
+)
+def test_a_kernel_has_the_error_of_its_degree(degree, least, most):
+    """Against float64's own exponential, where no splat is near a cut-off."""
+    leaves = [leaf.detach() for leaf in few()]
+    centers, conics, depths, opacities, colors, _ = leaves
+    image = oracle.composite(*leaves[:5], torch.ones(7, dtype=torch.bool), 6, 5)
+    projection = Projection(*(
+        tensor.float() for tensor in (centers, depths, conics, torch.full_like(centers, 50.0), opacities)
+    ))  # fmt: skip
+    found = composite(projection, colors.float(), 6, 5, accuracy=Accuracy(exp_degree=degree))
+    assert least <= (found.color - image.color).abs().max() < most
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"alpha_min": 0.0},
+        {"alpha_min": math.nan},
+        {"transmittance_min": 1.0},
+        {"exp_degree": 9},
+        {"exp_degree": 1},
+    ],
+)
+def test_a_cut_off_that_no_kernel_can_have_is_an_error(wrong):
+    (name,) = wrong
+    with pytest.raises(ValueError, match=name):
+        blending.Blending(**wrong)

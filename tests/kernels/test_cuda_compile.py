@@ -7,6 +7,7 @@ import warp as wp
 
 from diga3d_warp.kernels import (
     binning,
+    blending,
     cameras,
     compositing,
     compositing_adjoint,
@@ -20,15 +21,20 @@ from diga3d_warp.kernels import (
 )
 from diga3d_warp.kernels.projection import Projecting
 
-CUDA = compositing.CUDA_LANES
+CUDA = blending.CUDA_LANES
+PLAIN = blending.Blending()
+FULL = blending.Blending(1e-7, 0.0, 8, precision="float64", boxed=True, normals=True, median=True)
 KERNELS = {
     "pixel_rays": lambda: cameras.pixel_rays_kernel("fisheye"),
     "project": lambda: projection.projection_kernel(Projecting("brown")),
     "shade": lambda: harmonics.harmonics_kernel(3),
     "binning": lambda: binning.count_tiles,
-    "composite": lambda: compositing.forward_kernel(CUDA, True),
-    "composite_adjoint": lambda: compositing_adjoint.adjoint_kernel(CUDA, True),
-    "gather_gradients": lambda: compositing_adjoint.gather_gradients,
+    "composite": lambda: compositing.forward_kernel(PLAIN, CUDA),
+    "composite_full": lambda: compositing.forward_kernel(FULL, CUDA),
+    "composite_adjoint": lambda: compositing_adjoint.adjoint_kernel(PLAIN, CUDA),
+    "composite_adjoint_full": lambda: compositing_adjoint.adjoint_kernel(FULL, CUDA),
+    "gather_gradients": lambda: compositing_adjoint.gather_kernel(PLAIN),
+    "gather_gradients_full": lambda: compositing_adjoint.gather_kernel(FULL),
     "similarity": lambda: ssim.similarity_kernel(ssim.CUDA_RUN),
     "similarity_adjoint": lambda: ssim.adjoint_kernel(ssim.CUDA_RUN),
     "positions": lambda: reprojection.position_kernel("none"),
@@ -54,7 +60,7 @@ def test_compiles_to_ptx(name, tmp_path: Path):
 
 def test_gradients_that_pixels_share_are_added_atomically(tmp_path: Path):
     wp.compile_aot_module(
-        compositing_adjoint.adjoint_kernel(CUDA, True).module,
+        compositing_adjoint.adjoint_kernel(PLAIN, CUDA).module,
         device=[],
         arch=90,
         module_dir=tmp_path,

@@ -6,6 +6,7 @@ import torch
 import warp as wp
 
 from diga3d_warp.kernels import tape as taped
+from diga3d_warp.kernels.blending import Blending
 from diga3d_warp.splatting.arrays import warp_array
 from diga3d_warp.splatting.composite import composite
 from diga3d_warp.splatting.optics import optics_of
@@ -48,12 +49,19 @@ def by_torch():
     camera = camera.with_pose(pose).with_intrinsics(intrinsics)
     projection = project(leaves.means, leaves.log_scales, leaves.quaternions, leaves.opacity_logits, camera)
     colors = shade(leaves.means, leaves.sh, projection.extents, camera, 3)
-    image = composite(projection, colors, WIDTH, HEIGHT)
+    normals = random(100, 3, seed=4).requires_grad_()
+    image = composite(projection, colors, WIDTH, HEIGHT, normals=normals, median_depth=True)
     likeness = ssim(image.color, random(HEIGHT, WIDTH, 3), reduce=False)
     loss = (likeness * random(HEIGHT, WIDTH, 3, seed=1)).sum()
     loss = loss + (image.depth_sum * random(HEIGHT, WIDTH, seed=2)).sum()
-    (loss + (image.transmittance * random(HEIGHT, WIDTH, seed=3)).sum()).backward()
-    return image, likeness, {**dict(leaves.named()), "pose": pose, "intrinsics": intrinsics}
+    loss = loss + (image.transmittance * random(HEIGHT, WIDTH, seed=3)).sum()
+    loss = loss + (image.normal_sum * random(HEIGHT, WIDTH, 3, seed=5)).sum()
+    (loss + (image.median_depth * random(HEIGHT, WIDTH, seed=6)).sum()).backward()
+    return (
+        image,
+        likeness,
+        {**dict(leaves.named()), "pose": pose, "intrinsics": intrinsics, "normals": normals},
+    )
 
 
 def by_tape():
@@ -69,17 +77,23 @@ def by_tape():
     leaves["poses"] = leaf(pose[None].float(), wp.mat44)
     leaves["eyes"] = leaf(-(pose[:3, :3].T @ pose[:3, 3:]).T.float(), wp.vec3)
     leaves["intrinsics"] = leaf(camera.intrinsics[None].float(), wp.vec4)
+    leaves["normals"] = leaf(random(100, 3, seed=4), wp.vec3)
     target = warp_array(random(HEIGHT, WIDTH, 3).view(-1, 3), wp.vec3)
     with wp.Tape() as tape:
         parameters = [leaves[name] for name in ("means", "log_scales", "quaternions", "opacity_logits")]
         splats = taped.project(tape, lens, *parameters, leaves["poses"], leaves["intrinsics"])
         colors = taped.shade(tape, 3, leaves["means"], leaves["sh"], leaves["eyes"], splats.extents)
-        outputs = taped.composite(tape, splats, colors, WIDTH, HEIGHT)
+        outputs = taped.composite(
+            tape, splats, colors, WIDTH, HEIGHT,
+            blending=Blending(normals=True, median=True), normals=leaves["normals"],
+        )  # fmt: skip
         likeness = taped.ssim(tape, outputs[0], target, WIDTH, HEIGHT)
     weights = {
         likeness: warp_array(random(HEIGHT, WIDTH, 3, seed=1).view(-1, 3), wp.vec3),
         outputs[1]: warp_array(random(HEIGHT, WIDTH, seed=2).view(-1), wp.float32),
         outputs[2]: warp_array(random(HEIGHT, WIDTH, seed=3).view(-1), wp.float32),
+        outputs[3]: warp_array(random(HEIGHT, WIDTH, 3, seed=5).view(-1, 3), wp.vec3),
+        outputs[4]: warp_array(random(HEIGHT, WIDTH, seed=6).view(-1), wp.float32),
     }
     return outputs, likeness, leaves, lambda: tape.backward(grads=weights), tape
 
@@ -91,7 +105,7 @@ def test_the_renderer_gives_the_bits_of_torch(by_torch):
     assert all(equal(array, tensor) for array, tensor in zip(outputs, image, strict=True))
     assert equal(taped_likeness, likeness)
     backward()
-    for name in (*KINDS, "intrinsics"):
+    for name in (*KINDS, "intrinsics", "normals"):
         assert leaves[name].grad.abs().max() > 0.01
         assert equal(taped_leaves[name].grad, leaves[name].grad), name
 
@@ -178,3 +192,12 @@ def double(values: wp.array(dtype=wp.vec3), doubled: wp.array(dtype=wp.vec3)):
 def total(values: wp.array(dtype=wp.vec3), loss: wp.array(dtype=float)):
     i = wp.tid()
     wp.atomic_add(loss, 0, values[i][0] + values[i][1] + values[i][2])
+
+
+def test_normals_without_a_place_for_them_are_an_error():
+    splats = taped.Splats(
+        *(wp.zeros(1, dtype=kind, device="cpu") for kind in (wp.vec2, float, wp.vec3, wp.vec2, float))
+    )
+    colors = wp.zeros(1, dtype=wp.vec3, device="cpu")
+    with pytest.raises(ValueError, match="give both or neither"), wp.Tape() as tape:
+        taped.composite(tape, splats, colors, 4, 4, normals=colors)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from diga3d_warp.config import Effects
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.composite import composite
@@ -15,6 +16,8 @@ from diga3d_warp.splatting.project import Projection, project
 
 SHOWN = 1e-3
 """Blending weight over all views from which a gaussian has a colour of its own [pixels]."""
+
+COLOR_ALONE = Effects(depth=False)
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ def blending_weights(projection: Projection, values: torch.Tensor) -> torch.Tens
     """
     height, width, _ = values.shape
     colors = torch.zeros(len(projection.centers), 3, requires_grad=True)
-    blended = composite(projection, colors, width, height, with_depth=False)
+    blended = composite(projection, colors, width, height, effects=COLOR_ALONE)
     (sums,) = torch.autograd.grad((blended.color * values).sum(), colors)
     return sums
 
@@ -114,7 +117,9 @@ def object_rows(votes: Votes, settings: LiftSettings) -> torch.Tensor:
 def object_share(gaussians: Gaussians, camera: Camera, rows: torch.Tensor) -> torch.Tensor:
     """Part of each pixel that the gaussians in `rows` (N,) take, behind what stands before them, (H, W)."""
     colors = rows.to(torch.float32)[:, None].repeat(1, 3)
-    blended = composite(_projected(gaussians, camera), colors, camera.width, camera.height, with_depth=False)
+    blended = composite(
+        _projected(gaussians, camera), colors, camera.width, camera.height, effects=COLOR_ALONE
+    )
     return blended.color[..., 0]
 
 

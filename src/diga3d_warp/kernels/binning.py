@@ -31,6 +31,9 @@ enough that a counter per tile and dealer stays small (17k counters at 648 x 420
 PIXEL_LIMIT = wp.constant(1.0e6)
 """Pixel coordinates are clamped to this before they become integers; no image is larger."""
 
+ROUNDING = 2.0**-22
+"""Share of a coordinate by which a box grows that is rounded to float32: four times the rounding's own."""
+
 
 @dataclass(frozen=True)
 class Bins:
@@ -150,6 +153,8 @@ def deal(
 
 def depth_order(depths: np.ndarray, drawn: np.ndarray) -> np.ndarray:
     """Indices `drawn` sorted by depth, ties by index, shape (M,), int32."""
+    if depths.dtype == np.float64:
+        return drawn[np.argsort(depths[drawn], kind="stable")].astype(np.int32)
     bits = depths[drawn].view(np.int32)
     count = len(drawn)
     keys = wp.array(np.concatenate([bits, bits]), dtype=wp.int32, device="cpu")
@@ -158,11 +163,20 @@ def depth_order(depths: np.ndarray, drawn: np.ndarray) -> np.ndarray:
     return values.numpy()[:count]
 
 
+def rounded_outwards(centers: wp.array, extents: wp.array) -> tuple[wp.array, wp.array]:
+    """Boxes of float64 as boxes of float32 that hold them; those of (0, 0) stay empty."""
+    middle, half = centers.numpy(), extents.numpy()
+    half = np.where(half > 0.0, half + ROUNDING * (np.abs(middle) + half), 0.0)
+    return tuple(
+        wp.array(part.astype(np.float32), dtype=wp.vec2, device=centers.device) for part in (middle, half)
+    )
+
+
 def bin_gaussians(centers: wp.array, depths: wp.array, extents: wp.array, width: int, height: int) -> Bins:
     """List the gaussians of each tile, front to back.
 
     Args:
-        centers: Pixel positions, shape (N,), vec2.
+        centers: Pixel positions, shape (N,), vec2 of float32, or of float64 like all others.
         depths: Depths along the camera axis, positive where drawn, shape (N,).
         extents: Half width and height of the box to draw [px], shape (N,), vec2; (0, 0) means culled.
         width, height: Image size [px].
@@ -171,6 +185,8 @@ def bin_gaussians(centers: wp.array, depths: wp.array, extents: wp.array, width:
         ValueError: more than 2^31 - 1 pairs.
     """
     device = centers.device
+    if depths.dtype == wp.float64:
+        centers, extents = rounded_outwards(centers, extents)
     columns, rows = -(-width // TILE), -(-height // TILE)
     tiles = wp.empty(centers.shape[0], dtype=int, device=device)
     launch(count_tiles, centers.shape[0], [centers, extents, columns, rows], [tiles], device=device)

@@ -6,7 +6,7 @@ records there himself:
     with wp.Tape() as tape:
         splats = project(tape, lens, means, log_scales, quaternions, opacity_logits, poses, intrinsics)
         colors = shade(tape, 3, means, sh, eyes, splats.extents)
-        image, depth_sum, transmittance = composite(tape, splats, colors, width, height)
+        images = composite(tape, splats, colors, width, height)
         wp.launch(my_loss, ...)
     tape.backward(loss)
 
@@ -28,8 +28,11 @@ from diga3d_warp.config import Accuracy, Effects
 from diga3d_warp.kernels import compositing, compositing_adjoint, harmonics, projection, reprojection
 from diga3d_warp.kernels import ssim as similarity
 from diga3d_warp.kernels.binning import bin_gaussians
+from diga3d_warp.kernels.blending import Blending
 from diga3d_warp.kernels.precision import types_of
 from diga3d_warp.kernels.projection import Projecting
+
+STANDARD = Blending()
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,19 @@ class Splats(NamedTuple):
     extents: wp.array
     opacities: wp.array
     depth_slopes: wp.array | None = None
+
+
+class Images(NamedTuple):
+    """Blended images, shape (H * W,) each; those not asked for are zero or empty.
+
+    See `splatting.composite.Composite`.
+    """
+
+    color: wp.array
+    depth_sum: wp.array
+    transmittance: wp.array
+    normal_sum: wp.array
+    median_depth: wp.array
 
 
 def project(
@@ -141,8 +157,9 @@ def shade(
 
 
 def composite(
-    tape: wp.Tape, splats: Splats, colors: wp.array, width: int, height: int, *, with_depth: bool = True
-) -> tuple[wp.array, wp.array, wp.array]:
+    tape: wp.Tape, splats: Splats, colors: wp.array, width: int, height: int, *,
+    blending: Blending = STANDARD, normals: wp.array | None = None,
+) -> Images:  # fmt: skip
     """Blend splats into an image.
 
     Args:
@@ -150,30 +167,37 @@ def composite(
         splats: From `project`.
         colors: shape (N,), vec3.
         width, height: Image size [px].
-        with_depth: Blend depths too; without, they stay zero.
+        blending: Cut-offs, and what to blend; its precision is that of the arrays.
+        normals: shape (N,), vec3, where `blending` asks for them.
 
-    Returns:
-        Colour (H * W,) vec3, sum of depths by weight (H * W,), and transmittance (H * W,).
+    Raises:
+        ValueError: normals are asked for but not given, or the other way round.
     """
-    device = colors.device
+    if blending.normals != (normals is not None):
+        raise ValueError("normals are blended if and only if `blending.normals` is on: give both or neither")
+    device, real = colors.device, blending.real
+    vec3 = types_of(real).vec3
+    normals = wp.zeros(0, dtype=vec3, device=device) if normals is None else normals
     bins = bin_gaussians(splats.centers, splats.depths, splats.extents, width, height)
-    arrays = [splats.centers, splats.extents, splats.conics, splats.opacities, colors, splats.depths]
-    outputs = [
-        wp.zeros(width * height, dtype=dtype, device=device, requires_grad=True)
-        for dtype in (wp.vec3, float, float)
-    ]
-    changes = compositing.composite(bins, width, height, arrays, outputs, with_depth=with_depth)
-    moved = [splats.centers, splats.conics, splats.opacities, colors, splats.depths]
+    arrays = [splats.centers, splats.extents, splats.conics, splats.opacities, colors, splats.depths, normals]
+    images = Images(*(
+        wp.zeros(width * height if asked else 0, dtype=dtype, device=device, requires_grad=True)
+        for dtype, asked in (
+            (vec3, True), (real, True), (real, True), (vec3, blending.normals), (real, blending.median)
+        )
+    ))  # fmt: skip
+    changes = compositing.composite(bins, width, height, arrays, list(images), blending)
+    moved = [arrays[k] for k in (0, 2, 3, 4, 5, 6)]
 
     def adjoint() -> None:
         compositing_adjoint.composite_adjoint(
-            bins, width, height, arrays, outputs, changes, [array.grad for array in outputs],
-            [_gradient(array) for array in moved], with_depth=with_depth,
+            bins, width, height, arrays, list(images), changes, [array.grad for array in images],
+            [_gradient(array) for array in moved], blending,
         )  # fmt: skip
-        _use_up(outputs)
+        _use_up(images)
 
-    _record(tape, adjoint, [*moved, *outputs])
-    return outputs[0], outputs[1], outputs[2]
+    _record(tape, adjoint, [*moved, *images])
+    return images
 
 
 def reproject(
@@ -231,7 +255,7 @@ def ssim(tape: wp.Tape, image: wp.array, target: wp.array, width: int, height: i
 
 
 def _record(tape: wp.Tape, adjoint: Callable[[], None], arrays: Sequence[wp.array]) -> None:
-    tape.record_func(adjoint, [array for array in arrays if array.requires_grad])
+    tape.record_func(adjoint, [array for array in arrays if array.requires_grad and array.size > 0])
 
 
 def _gradient(array: wp.array) -> wp.array:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import torch
-import warp as wp
 
+from diga3d_warp.config import Accuracy, Effects
 from diga3d_warp.kernels import compositing, compositing_adjoint
 from diga3d_warp.kernels.binning import Bins, bin_gaussians
-from diga3d_warp.splatting.arrays import like, warp_array
+from diga3d_warp.kernels.blending import Blending
+from diga3d_warp.kernels.precision import types_of
+from diga3d_warp.splatting.arrays import REALS, like, warp_array
 from diga3d_warp.splatting.project import Projection
-
-_SPLATS = (wp.vec2, wp.vec2, wp.vec3, wp.float32, wp.vec3, wp.float32)
-_OUTPUTS = (wp.vec3, wp.float32, wp.float32)
 
 
 class Composite(NamedTuple):
@@ -23,94 +23,122 @@ class Composite(NamedTuple):
         color: Sum of colours by weight, shape (H, W, 3).
         depth_sum: Sum of depths by weight [scene units], shape (H, W); zeros if not asked for.
         transmittance: What is left of the light behind all gaussians, in [0, 1], shape (H, W).
+        normal_sum: Sum of normals by weight, shape (H, W, 3); None if not asked for.
+        median_depth: Depth of the gaussian at which transmittance falls below a half [scene units], 0 where
+            it never does, shape (H, W); None if not asked for.
     """
 
     color: torch.Tensor
     depth_sum: torch.Tensor
     transmittance: torch.Tensor
+    normal_sum: torch.Tensor | None = None
+    median_depth: torch.Tensor | None = None
 
 
 def composite(
-    projection: Projection, colors: torch.Tensor, width: int, height: int, *, with_depth: bool = True
+    projection: Projection,
+    colors: torch.Tensor,
+    width: int,
+    height: int,
+    *,
+    accuracy: Accuracy = Accuracy.STANDARD,
+    effects: Effects = Effects(),
+    normals: torch.Tensor | None = None,
+    median_depth: bool = False,
 ) -> Composite:
-    """Blend front to back (paper Eq. 1) with the cut-offs of `config.Splatting`.
+    """Blend front to back (paper Eq. 1) with the cut-offs of `accuracy`.
 
-    Gradients reach centers, conics, opacities, colours, and depths with `with_depth`.
+    Gradients reach centers, conics, opacities and colours; normals; depths with `effects.depth` or
+    `median_depth`. What is not asked for is not in the compiled kernel.
 
     Args:
-        projection: From `project`.
+        projection: N gaussians, from `project`.
         colors: shape (N, 3).
         width, height: Image size [px].
-        with_depth: Blend depths too; without, that code is not in the kernel.
+        accuracy: Cut-offs, polynomial, precision. With "float64", tensors are converted to it.
+        effects: Whether depths are blended.
+        normals: Blended too where given, shape (N, 3).
+        median_depth: Whether to find the median depth; its gradient goes to the depth of that one gaussian.
+
+    Raises:
+        ValueError: a cut-off or a degree that no kernel can be compiled for.
     """
-    bins = bin_gaussians(
-        warp_array(projection.centers, wp.vec2),
-        warp_array(projection.depths, wp.float32),
-        warp_array(projection.extents, wp.vec2),
+    blending = Blending.of(accuracy, effects, normals=normals is not None, median=median_depth)
+    dtype = getattr(torch, blending.precision)
+    centers, extents, conics, opacities, colors, depths = (
+        tensor.to(dtype)
+        for tensor in (
+            projection.centers, projection.extents, projection.conics, projection.opacities, colors,
+            projection.depths,
+        )
+    )  # fmt: skip
+    normals = colors.new_empty((0, 3)) if normals is None else normals.to(dtype)
+    bins = bin_projection(projection, width, height, dtype)
+    color, depth_sum, transmittance, normal_sum, median = _Composite.apply(
+        centers, extents, conics, opacities, colors, depths, normals, bins, width, height, blending
+    )
+    return Composite(
+        color.view(height, width, 3),
+        depth_sum.view(height, width),
+        transmittance.view(height, width),
+        normal_sum.view(height, width, 3) if blending.normals else None,
+        median.view(height, width) if blending.median else None,
+    )
+
+
+def bin_projection(projection: Projection, width: int, height: int, dtype: torch.dtype) -> Bins:
+    """List the gaussians of each tile, nearest first, by positions of a floating-point type."""
+    vec2 = types_of(REALS[dtype]).vec2
+    return bin_gaussians(
+        warp_array(projection.centers.to(dtype), vec2),
+        warp_array(projection.depths.to(dtype), REALS[dtype]),
+        warp_array(projection.extents.to(dtype), vec2),
         width,
         height,
     )
-    return Composite(
-        *_Composite.apply(
-            projection.centers, projection.extents, projection.conics, projection.opacities,
-            colors, projection.depths, bins, width, height, with_depth,
-        )
-    )  # fmt: skip
 
 
 class _Composite(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx, centers, extents, conics, opacities, colors, depths, bins: Bins, width, height, with_depth
-    ):
+        ctx, centers, extents, conics, opacities, colors, depths, normals, bins: Bins, width, height,
+        blending: Blending,
+    ):  # fmt: skip
         splats = tuple(
-            tensor.detach().contiguous() for tensor in (centers, extents, conics, opacities, colors, depths)
+            tensor.detach().contiguous()
+            for tensor in (centers, extents, conics, opacities, colors, depths, normals)
         )
-        color = centers.new_empty((height, width, 3))
-        depth_sum = centers.new_zeros((height, width))
-        transmittance = centers.new_empty((height, width))
-        outputs = (color, depth_sum, transmittance)
-        ctx.changes = compositing.composite(
-            bins, width, height, *_arguments(splats, outputs), with_depth=with_depth
+        pixels = height * width
+        outputs = (
+            centers.new_empty((pixels, 3)),
+            centers.new_zeros(pixels),
+            centers.new_empty(pixels),
+            centers.new_empty((pixels if blending.normals else 0, 3)),
+            centers.new_empty(pixels if blending.median else 0),
         )
+        ctx.changes = compositing.composite(bins, width, height, _arrays(splats), _arrays(outputs), blending)
         ctx.save_for_backward(*splats, *outputs)
-        ctx.bins, ctx.with_depth = bins, with_depth
+        ctx.task = bins, width, height, blending
         return outputs
 
     @staticmethod
-    def backward(ctx, adj_color, adj_depth_sum, adj_transmittance):
-        splats, outputs = ctx.saved_tensors[:6], ctx.saved_tensors[6:]
-        centers, _, conics, opacities, colors, depths = splats
-        given = (adj_color, adj_depth_sum, adj_transmittance)
+    def backward(ctx, *given):
+        splats, outputs = ctx.saved_tensors[:7], ctx.saved_tensors[7:]
+        bins, width, height, blending = ctx.task
         adj_outputs = [like(grad, output) for grad, output in zip(given, outputs, strict=True)]
-        adj_splats = [torch.zeros_like(t) for t in (centers, conics, opacities, colors, depths)]
+        adj_centers, *adj_others = (torch.zeros_like(splats[k]) for k in (0, 2, 3, 4, 5, 6))
         compositing_adjoint.composite_adjoint(
-            ctx.bins,
-            outputs[0].shape[1],
-            outputs[0].shape[0],
-            *_arguments(splats, outputs),
-            ctx.changes,
-            _flat(adj_outputs),
-            [
-                warp_array(grad, dtype)
-                for grad, dtype in zip(
-                    adj_splats, (wp.vec2, wp.vec3, wp.float32, wp.vec3, wp.float32), strict=True
-                )
-            ],
-            with_depth=ctx.with_depth,
-        )
-        adj_centers, adj_conics, adj_opacities, adj_colors, adj_depths = adj_splats
-        return adj_centers, None, adj_conics, adj_opacities, adj_colors, adj_depths, None, None, None, None
+            bins, width, height, _arrays(splats), _arrays(outputs), ctx.changes, _arrays(adj_outputs),
+            _arrays([adj_centers, *adj_others]), blending,
+        )  # fmt: skip
+        return adj_centers, None, *adj_others, None, None, None, None
 
 
-def _arguments(splats, outputs) -> tuple[list[wp.array], list[wp.array]]:
-    return [warp_array(t, dtype) for t, dtype in zip(splats, _SPLATS, strict=True)], _flat(outputs)
-
-
-def _flat(images) -> list[wp.array]:
-    color, depth_sum, transmittance = images
-    return [
-        warp_array(color.reshape(-1, 3), wp.vec3),
-        warp_array(depth_sum.reshape(-1), wp.float32),
-        warp_array(transmittance.reshape(-1), wp.float32),
-    ]
+def _arrays(tensors: Sequence[torch.Tensor]) -> list[Any]:
+    """Warp arrays of scalars, from tensors (N,), and of vectors, from tensors (N, C)."""
+    arrays = []
+    for tensor in tensors:
+        real = REALS[tensor.dtype]
+        dtype = real if tensor.ndim == 1 else getattr(types_of(real), f"vec{tensor.shape[1]}")
+        arrays.append(warp_array(tensor, dtype))
+    return arrays

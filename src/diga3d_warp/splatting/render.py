@@ -65,7 +65,7 @@ def render(
         accuracy=accuracy, effects=effects,
     )  # fmt: skip
     colors = shade(gaussians.means, gaussians.sh, projection.extents, camera, degree)
-    blended = composite(projection, colors, camera.width, camera.height, with_depth=effects.depth)
+    blended = composite(projection, colors, camera.width, camera.height, accuracy=accuracy, effects=effects)
     color = blended.color
     if effects.background:
         behind = torch.as_tensor(background, dtype=color.dtype, device=color.device)
