@@ -91,8 +91,8 @@ class Accuracy:
             follows perspective and lens over the whole gaussian.
         pixel_order: Sort by each pixel's own depths rather than by the depths of centres.
         precision: Floating-point type of all kernels.
-        sampling: How reprojection reads and writes pixels.
-        supersampling: Reprojected points per pixel side.
+        sampling: Reprojected pixels are points in the nearest pixel each, or a mesh that interpolates.
+        supersampling: Samples of a reprojection per side of a target pixel.
     """
 
     alpha_min: float = 1.0 / 255.0

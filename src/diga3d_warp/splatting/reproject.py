@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
 import warp as wp
 
+from diga3d_warp.config import Accuracy
 from diga3d_warp.errors import InputError
 from diga3d_warp.kernels import reprojection
 from diga3d_warp.kernels.cameras import pixel_rays_kernel
 from diga3d_warp.kernels.launch import launch
-from diga3d_warp.kernels.reprojection import Motion
+from diga3d_warp.kernels.reprojection import Motion, ReprojectionLimits
 from diga3d_warp.scene.camera import Camera, Distortion
-from diga3d_warp.splatting.arrays import warp_array
+from diga3d_warp.splatting.arrays import REALS, warp_array
 from diga3d_warp.splatting.optics import optics_of
 
 
@@ -33,7 +34,14 @@ class Warp(NamedTuple):
     visible: torch.Tensor
 
 
-def reproject(image: torch.Tensor, depth: torch.Tensor, source: Camera, target: Camera) -> Warp:
+def reproject(
+    image: torch.Tensor,
+    depth: torch.Tensor,
+    source: Camera,
+    target: Camera,
+    *,
+    accuracy: Accuracy = Accuracy.STANDARD,
+) -> Warp:
     """Carry an image along its depth into another camera, nearest surface first.
 
     Differentiable in image and depth. The gradient holds fixed which surface is in front; it does not see
@@ -44,6 +52,10 @@ def reproject(image: torch.Tensor, depth: torch.Tensor, source: Camera, target: 
         image: RGB of the source, shape (H, W, 3), float32 or float64.
         depth: z along the source camera's axis [scene units], shape (H, W), the same type.
         source, target: The two cameras, of any lens.
+        accuracy: With `sampling` "bilinear" the source is a mesh, without cracks; with "nearest" points, each
+            in one pixel. `supersampling` is the number of samples per side of a target pixel: colour is the
+            mean of the visible ones, depth that of the nearest surface; a pixel is visible where a quarter of
+            its samples is, as much as the mesh covers of a pixel in its corner.
 
     Raises:
         InputError: the shapes or types do not fit each other and the source camera.
@@ -54,9 +66,37 @@ def reproject(image: torch.Tensor, depth: torch.Tensor, source: Camera, target: 
             f"image {tuple(image.shape)} and depth {tuple(depth.shape)} do not fit a source camera of "
             f"{source.width} x {source.height} px: give (H, W, 3) and (H, W)"
         )
-    if image.dtype not in _SCALARS or depth.dtype != image.dtype:
+    if image.dtype not in REALS or depth.dtype != image.dtype:
         raise InputError(f"image ({image.dtype}) and depth ({depth.dtype}) must both be float32 or float64")
-    return Warp(*_Reproject.apply(image, depth, motion_between(source, target, depth.device)))
+    times = accuracy.supersampling
+    if times < 1:
+        raise InputError(f"supersampling of {times} takes no sample: give 1 or more")
+    finer = target if times == 1 else target.resized(times * target.width, times * target.height)
+    warp = Warp(
+        *_Reproject.apply(image, depth, motion_between(source, finer, depth.device), accuracy.sampling)
+    )
+    return warp if times == 1 else _averaged(warp, times)
+
+
+def _averaged(warp: Warp, times: int) -> Warp:
+    """One pixel from each square of `times` x `times` samples."""
+
+    def squares(samples: torch.Tensor) -> torch.Tensor:
+        height, width = samples.shape[0] // times, samples.shape[1] // times
+        split = samples.view(height, times, width, times, *samples.shape[2:])
+        return split.transpose(1, 2).flatten(2, 3)
+
+    image, depth, visible = (squares(samples) for samples in warp)
+    seen = 4 * visible.sum(2) >= times**2
+    near = torch.where(visible, depth, torch.inf).amin(2, keepdim=True)
+    front = visible & (depth <= near * (1.0 + ReprojectionLimits.depth_step))
+    shares = visible.to(image) / visible.sum(2, keepdim=True).clamp_min(1)
+    front_shares = front.to(depth) / front.sum(2, keepdim=True).clamp_min(1)
+    return Warp(
+        torch.where(seen[..., None], (shares[..., None] * image).sum(2), 0.0),
+        torch.where(seen, (front_shares * depth).sum(2), 0.0),
+        seen,
+    )
 
 
 def motion_between(source: Camera, target: Camera, device: torch.device) -> Motion:
@@ -105,12 +145,9 @@ def _rays(
     return rays
 
 
-_SCALARS: dict[torch.dtype, Any] = {torch.float32: wp.float32, torch.float64: wp.float64}
-
-
 class _Reproject(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, image, depth, motion: Motion):
+    def forward(ctx, image, depth, motion: Motion, sampling: str):
         image, depth = image.detach().contiguous(), depth.detach().contiguous()
         size = (motion.target_height, motion.target_width)
         outputs = (
@@ -118,8 +155,10 @@ class _Reproject(torch.autograd.Function):
             depth.new_zeros(size),
             torch.zeros(size, dtype=torch.bool, device=depth.device),
         )
-        ctx.buffers = reprojection.reproject(_colors(image), _depths(depth), motion, _outputs(*outputs))
-        ctx.motion = motion
+        ctx.buffers = reprojection.reproject(
+            _colors(image), _depths(depth), motion, _outputs(*outputs), sampling
+        )
+        ctx.motion, ctx.sampling = motion, sampling
         ctx.save_for_backward(image, depth, *outputs)
         ctx.mark_non_differentiable(outputs[2])
         return outputs
@@ -139,16 +178,17 @@ class _Reproject(torch.autograd.Function):
             [_colors(adj_image_out.contiguous()), _depths(adj_depth_out.contiguous())],
             _colors(adj_image),
             _depths(adj_depth),
+            ctx.sampling,
         )
-        return adj_image, adj_depth, None
+        return adj_image, adj_depth, None, None
 
 
 def _colors(image: torch.Tensor) -> wp.array:
-    return warp_array(image.view(-1, 3), wp.types.vector(length=3, dtype=_SCALARS[image.dtype]))
+    return warp_array(image.view(-1, 3), wp.types.vector(length=3, dtype=REALS[image.dtype]))
 
 
 def _depths(depth: torch.Tensor) -> wp.array:
-    return warp_array(depth.view(-1), _SCALARS[depth.dtype])
+    return warp_array(depth.view(-1), REALS[depth.dtype])
 
 
 def _outputs(image: torch.Tensor, depth: torch.Tensor, visible: torch.Tensor) -> list[wp.array]:
