@@ -6,6 +6,7 @@ import pytest
 import warp as wp
 
 from diga3d_warp.kernels import (
+    adam,
     binning,
     blending,
     cameras,
@@ -27,6 +28,7 @@ CUDA = blending.CUDA_LANES
 PLAIN = blending.Blending()
 FULL = blending.Blending(1e-7, 0.0, 8, precision="float64", boxed=True, normals=True, median=True)
 KERNELS = {
+    "adam": lambda: adam.step_kernel(48),
     "pixel_rays": lambda: cameras.pixel_rays_kernel("fisheye"),
     "project": lambda: projection.projection_kernel(Projecting("brown")),
     "shade": lambda: harmonics.harmonics_kernel(3),

@@ -221,7 +221,8 @@ class _Fit:
         rendering.projection.centers.retain_grad()
         regularised.backward()
         self._note_pull(rendering.projection)
-        self.optimiser.step(done, self._held(len(gaussians)))
+        shown = rendering.projection.extents[:, 0] > 0.0
+        self.optimiser.step(done, self._held(len(gaussians)), shown)
         self._control_density(done)
         self._record(float(loss.detach()), rendering.color.detach(), wanted, target.weight)
         self.iteration += 1

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
+import warp as wp
 
 from diga3d_warp.gaussians.parameters import Gaussians
-
-MOMENTS = ("exp_avg", "exp_avg_sq")
-"""Per-row tensors in the state of torch's Adam."""
+from diga3d_warp.kernels import adam
+from diga3d_warp.splatting.arrays import warp_array
 
 
 @dataclass(frozen=True)
@@ -41,94 +41,101 @@ class LearningRates:
 
 
 class GaussianAdam:
-    """Gaussians as leaf tensors, with one Adam group per parameter.
+    """Gaussians as leaf tensors, each with its moments.
 
-    The harmonics are split into constant and higher ones, which learn at different rates.
+    Attributes:
+        tensors: Leaf tensors by name, as in `Gaussians`.
+        moments: Running means of each tensor's gradient and of its square, in its shape.
+        steps: Steps done.
     """
-
-    NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 
     def __init__(self, gaussians: Gaussians, rates: LearningRates, extent: float) -> None:
         """Start from a copy of `gaussians`; `extent` is the unit of position rates [scene units]."""
         self.rates, self.extent = rates, extent
-        tensors = _split(gaussians.detached())
-        groups = []
-        for name in self.NAMES:
-            rate = getattr(rates, name) * (extent if name == "means" else 1.0)
-            groups.append({"params": [tensors[name].requires_grad_()], "lr": rate, "name": name})
-        self.adam = torch.optim.Adam(groups, eps=1e-15, fused=True)
-
-    @property
-    def tensors(self) -> dict[str, torch.Tensor]:
-        """Leaf tensors by name."""
-        return {group["name"]: group["params"][0] for group in self.adam.param_groups}
-
-    @property
-    def means_rate(self) -> float:
-        """The present learning rate of the means [scene units]."""
-        return self.adam.param_groups[0]["lr"]
+        self.tensors = dict(gaussians.detached().requires_grad_().named())
+        self.moments = {name: _no_moments(tensor) for name, tensor in self.tensors.items()}
+        self.steps = 0
+        self.means_rate = rates.means * extent
 
     def gaussians(self) -> Gaussians:
-        """The gaussians, joined to the leaf tensors by gradient."""
-        t = self.tensors
-        sh = torch.cat([t["sh_dc"], t["sh_rest"]], dim=1)
-        return Gaussians(t["means"], t["log_scales"], t["quaternions"], t["opacity_logits"], sh)
+        """The leaf tensors as gaussians."""
+        return Gaussians(**self.tensors)
 
-    def step(self, progress: float, held: torch.Tensor | None = None) -> None:
+    @torch.no_grad()
+    def step(
+        self, progress: float, held: torch.Tensor | None = None, shown: torch.Tensor | None = None
+    ) -> None:
         """One step of Adam, after a backward pass.
 
         Args:
             progress: Part of the iterations that is done, in [0, 1]; sets the rate of the means.
             held: Rows that must not move, shape (N,), bool.
+            shown: Rows that the image showed, shape (N,), bool; the others keep value and moments. None: all.
         """
         first, last = self.rates.means * self.extent, self.rates.means_final * self.extent
-        self.adam.param_groups[0]["lr"] = first * (last / first) ** progress
+        self.means_rate = first * (last / first) ** progress
+        self.steps += 1
+        moving = self._moving(held, shown)
+        for name, tensor in self.tensors.items():
+            if tensor.grad is None:
+                continue
+            flat = [warp_array(part.view(-1), wp.float32) for part in (tensor, *self.moments[name])]
+            gradient = warp_array(tensor.grad.contiguous().view(-1), wp.float32)
+            rates = self._rates_of(name)
+            adam.step(len(tensor), len(rates), moving, gradient, rates, self.steps, flat)
+            tensor.grad = None
+
+    def _moving(self, held: torch.Tensor | None, shown: torch.Tensor | None) -> wp.array:
+        """1 where a row moves, else 0, shape (N,), int32."""
+        means = self.tensors["means"]
+        moving = torch.ones(len(means), dtype=torch.int32, device=means.device)
         if held is not None:
-            for tensor in self.tensors.values():
-                if tensor.grad is not None:
-                    tensor.grad[held] = 0.0
-        self.adam.step()
-        self.adam.zero_grad(set_to_none=True)
+            moving[held] = 0
+        if shown is not None:
+            moving[~shown] = 0
+        return warp_array(moving, wp.int32)
+
+    def _rates_of(self, name: str) -> list[float]:
+        """Learning rate of each number in a row of a parameter."""
+        width = self.tensors[name][:1].numel()
+        if name == "means":
+            return [self.means_rate] * width
+        if name == "sh":
+            return [self.rates.sh_dc] * 3 + [self.rates.sh_rest] * (width - 3)
+        return [getattr(self.rates, name)] * width
 
     @torch.no_grad()
     def overwrite(self, rows: torch.Tensor, values: Gaussians) -> None:
         """Replace rows (M,) by `values`, and forget what Adam knows of them."""
-        fresh = _split(values)
-        for name, tensor in self.tensors.items():
-            tensor[rows] = fresh[name]
-            for moment in MOMENTS:
-                if moment in self.adam.state.get(tensor, {}):
-                    self.adam.state[tensor][moment][rows] = 0.0
+        for name, fresh in values.named():
+            self.tensors[name][rows] = fresh
+            for moment in self.moments[name]:
+                moment[rows] = 0.0
 
     @torch.no_grad()
     def append(self, added: Gaussians) -> None:
         """Add gaussians at the end, with moments of zero."""
-        fresh = _split(added)
-        for group in self.adam.param_groups:
-            old = group["params"][0]
-            new = torch.cat([old.detach(), fresh[group["name"]]]).requires_grad_()
-            state = self.adam.state.pop(old, {})
-            for moment in MOMENTS:
-                if moment in state:
-                    state[moment] = torch.cat([state[moment], torch.zeros_like(fresh[group["name"]])])
-            group["params"][0] = new
-            self.adam.state[new] = state
+        for name, fresh in added.named():
+            self.tensors[name] = torch.cat([self.tensors[name], fresh]).requires_grad_()
+            self.moments[name] = [
+                torch.cat(pair) for pair in zip(self.moments[name], _no_moments(fresh), strict=True)
+            ]
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that `load_state_dict` needs to go on as if nothing had happened."""
         tensors = {name: tensor.detach() for name, tensor in self.tensors.items()}
-        return {"tensors": tensors, "adam": self.adam.state_dict()}
+        return {
+            "tensors": tensors, "moments": self.moments, "steps": self.steps, "means_rate": self.means_rate
+        }  # fmt: skip
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Continue from `state_dict`, whatever the number of gaussians was."""
-        for group in self.adam.param_groups:
-            group["params"][0] = state["tensors"][group["name"]].clone().requires_grad_()
-        self.adam.state.clear()
-        self.adam.load_state_dict(state["adam"])
+        for name, tensor in state["tensors"].items():
+            self.tensors[name] = tensor.clone().requires_grad_()
+            self.moments[name] = [moment.clone() for moment in state["moments"][name]]
+        self.steps, self.means_rate = state["steps"], state["means_rate"]
 
 
-def _split(gaussians: Gaussians) -> dict[str, torch.Tensor]:
-    """Tensors by name, with the harmonics split."""
-    tensors = dict(gaussians.named())
-    sh = tensors.pop("sh")
-    return {**tensors, "sh_dc": sh[:, :1].clone(), "sh_rest": sh[:, 1:].clone()}
+def _no_moments(tensor: torch.Tensor) -> list[torch.Tensor]:
+    """Both moments of rows that Adam knows nothing of."""
+    return [torch.zeros_like(tensor, requires_grad=False) for _ in range(2)]
