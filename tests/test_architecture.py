@@ -20,7 +20,7 @@ RANKS = (
     {"gaussians", "perception", "priors"},
     {"propagation", "evaluation", "objects"},
     {"pipelines"},
-    {"doctor"},
+    {"doctor", "bench"},
     {"cli"},
 )
 """Rooms from the ground up: a room imports itself and rooms of lower ranks."""

@@ -26,6 +26,7 @@ examples:
   diga3d retexture captures/bear --prompt "white marble" --out run/bear
   diga3d render run/statue --out statue.webm         a video along the cameras
   diga3d eval run/statue                             PSNR and SSIM on held-out views
+  diga3d bench kernels                               how fast are the kernels here?
   diga3d doctor                                      is everything in place on this machine?
 
 A capture is a folder of COLMAP, nerfstudio or LLFF / SPIn-NeRF, a splat .ply with cameras, or just images.
@@ -155,6 +156,15 @@ def parser() -> argparse.ArgumentParser:
         "--image-scale", type=_scale, metavar="S", help="size of the images (default that of the run)"
     )
 
+    _add_benchmarks(
+        add(
+            "bench",
+            _bench_kernels,
+            "measure what kernels cost on this machine",
+            "diga3d bench kernels --out run/benchmarks",
+        )
+    )
+
     add("doctor", _doctor, "check that everything is in place on this machine", "diga3d doctor")
 
     synthetic = add(
@@ -175,6 +185,31 @@ def parser() -> argparse.ArgumentParser:
     )
     demo.add_argument("--out", type=Path, default=Path("run/demo"), metavar="DIR", help="(default run/demo)")
     return root
+
+
+def _add_benchmarks(bench: argparse.ArgumentParser) -> None:
+    """One subcommand for each benchmark."""
+    benchmarks = bench.add_subparsers(
+        title="benchmarks", required=True, metavar="BENCHMARK [-h]", parser_class=Parser
+    )
+    kernels = benchmarks.add_parser(
+        "kernels",
+        help="speed of every kernel, against a plain one",
+        description="Measure the speed of every kernel on a seeded scene, against a plain kernel.",
+        epilog="example:\n  diga3d bench kernels --out run/benchmarks",
+        formatter_class=Help,
+    )
+    kernels.set_defaults(run=_bench_kernels)
+    kernels.add_argument(
+        "--out",
+        type=Path,
+        default=Path("run/benchmarks"),
+        metavar="DIR",
+        help="folder for the page and its plots (default run/benchmarks)",
+    )
+    kernels.add_argument(
+        "--repeats", type=_positive_int, default=9, metavar="N", help="times each stage is run (default 9)"
+    )
 
 
 def _add_run_options(command: argparse.ArgumentParser) -> None:
@@ -315,6 +350,16 @@ def _doctor() -> int:
     from diga3d_warp.doctor import examine
 
     return examine()
+
+
+def _bench_kernels(out: Path, repeats: int) -> int:
+    from diga3d_warp.bench.garden import Garden
+    from diga3d_warp.bench.kernels import bench_kernels
+
+    for table in bench_kernels(out, repeats, Garden()):
+        print(table.text())
+    print(out / "kernels.md")
+    return 0
 
 
 def _synthetic(out: Path, width: int, height: int, views: int, no_shadows: bool, seed: int) -> int:

@@ -36,6 +36,12 @@ class Table:
         rule = "-" * len(aligned(["-" * width for width in widths]))
         return "\n".join([self.title, aligned(self.columns), rule, *map(aligned, self.rows)]) + "\n"
 
+    def markdown(self) -> str:
+        """The table for a Markdown page, its title above it."""
+        rule = ["---", *["---:"] * (len(self.columns) - 1)]
+        lines = [f"| {' | '.join(line)} |" for line in (self.columns, rule, *self.rows)]
+        return "\n".join([f"**{self.title}**", "", *lines]) + "\n"
+
     def as_json(self) -> dict[str, Any]:
         """The table as JSON data, for `metrics.json` under "tables"."""
         return {"title": self.title, "columns": list(self.columns), "rows": [list(row) for row in self.rows]}

@@ -133,7 +133,8 @@ def launch(
         edges = [min(dim, blocks * k // count * align) for k in range(count + 1)]
         _share(deque(_part(whole, start, end) for start, end in pairwise(edges)), threads)
     if _timings is not None:
-        name = f"{kernel.key} adjoint" if adjoint else kernel.key
+        name = kernel.key.rpartition("__")[2]  # of a factory's kernel: FACTORY__locals__NAME
+        name = f"{name} adjoint" if adjoint else name
         _timings.append((name, time.perf_counter() - started))
 
 

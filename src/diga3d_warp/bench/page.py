@@ -1,0 +1,98 @@
+"""What a benchmark leaves behind: a Markdown page that names machine and command, and plots beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.evaluation.tables import Table
+from diga3d_warp.files import whole_file, write_text
+from diga3d_warp.pipelines.machine import describe_machine, package_versions
+
+SIZE = (7.0, 3.6)
+"""Of a plot with one pair of axes [inch]."""
+
+DOTS = 130
+"""Dots per inch: 910 px wide, which a page shows without scaling up."""
+
+
+def require_plots() -> None:
+    """Before anything is measured: can plots be drawn?
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
+    if find_spec("matplotlib") is None:
+        raise InputError(
+            "matplotlib, which draws the plots, is not installed: pip install 'diga3d-warp[bench]'"
+        )
+
+
+def write_page(
+    path: Path, title: str, command: str, tables: Sequence[Table], plots: Sequence[str], notes: str
+) -> None:
+    """Write a page of tables and plots.
+
+    Args:
+        path: The .md file.
+        title: Its heading.
+        command: What makes it again.
+        tables: In order.
+        plots: Names of image files beside the page.
+        notes: What a reader must know, Markdown.
+    """
+    machine, versions = describe_machine(), package_versions()
+    made = (
+        f"Made by `{command}` on {machine['processor']}, {machine['cores']} cores, {machine['system']}; "
+        f"Python {versions['python']}, Warp {versions['warp']}, torch {versions['torch']}."
+    )
+    parts = [f"# {title}\n", f"{made}\n", notes]
+    parts += [f"![{Path(plot).stem}]({plot})\n" for plot in plots]
+    parts += [table.markdown() for table in tables]
+    write_text(path, "\n".join(parts))
+
+
+@contextmanager
+def plot(path: Path, panels: int = 1) -> Iterator[Any]:
+    """Axes to draw on, one or an array of `panels` side by side; saved as a whole PNG at the end."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(SIZE[0] * panels**0.5, SIZE[1]), layout="constrained")
+    axes = figure.subplots(1, panels)
+    for each in [axes] if panels == 1 else axes:
+        each.spines[["top", "right"]].set_visible(False)
+        each.grid(axis="y", color="0.9")
+        each.set_axisbelow(True)
+    yield axes
+    with whole_file(path) as partial:
+        figure.savefig(partial, dpi=DOTS)
+
+
+def bars(path: Path, title: str, parts: Sequence[str], groups: Mapping[str, Sequence[float]]) -> None:
+    """Stacked horizontal bars, one a group, its sum written beside it.
+
+    Args:
+        path: The .png file.
+        title: What the bars show, with unit.
+        parts: Names of the parts of a bar.
+        groups: Value of each part, by the group's name.
+    """
+    with plot(path) as axes:
+        names = list(groups)
+        starts = [0.0] * len(names)
+        for index, part in enumerate(parts):
+            widths = [groups[name][index] for name in names]
+            axes.barh(names, widths, left=starts, label=part, height=0.6)
+            starts = [start + width for start, width in zip(starts, widths, strict=True)]
+        for row, total in enumerate(starts):
+            axes.text(total, row, f" {total:.3g}", va="center")
+        axes.invert_yaxis()
+        axes.grid(axis="y", visible=False)
+        axes.grid(axis="x", color="0.9")
+        axes.margins(x=0.12)
+        axes.set_title(title, loc="left", fontsize=10)
+        axes.legend(frameon=False)

@@ -1,0 +1,202 @@
+"""One step of a fit, cut into its stages and timed: render, loss, their adjoints, and the optimiser."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import torch
+import warp as wp
+
+from diga3d_warp.bench.garden import DEGREE, Garden, binned, project_into
+from diga3d_warp.config import Effects
+from diga3d_warp.gaussians.losses import photometric_loss
+from diga3d_warp.gaussians.optimiser import GaussianAdam, LearningRates
+from diga3d_warp.kernels import plain
+from diga3d_warp.kernels.launch import set_thread_count, thread_count, timed_launches
+from diga3d_warp.splatting.arrays import warp_array
+from diga3d_warp.splatting.composite import composite
+from diga3d_warp.splatting.render import render
+from diga3d_warp.splatting.shade import shade
+
+Seconds = dict[str, list[float]]
+"""Wall times [s] of each stage, one for each repeat."""
+
+RASTERISER = ("sort and bin", "blend", "blend adjoint", "sum rows")
+"""Stages whose cost follows the pairs of pixels and gaussians."""
+
+OTHERS = (
+    "project", "shade", "loss", "loss adjoint", "shade adjoint", "project adjoint", "optimiser"
+)  # fmt: skip
+"""Stages whose cost follows the gaussians, or the pixels."""
+
+STAGES = (
+    "project", "shade", "sort and bin", "blend", "loss", "loss adjoint", "blend adjoint", "sum rows",
+    "shade adjoint", "project adjoint", "optimiser",
+)  # fmt: skip
+"""All stages in the order in which they run."""
+
+WHOLE = "whole step"
+"""The same step in one piece, as a fit runs it; what it takes beyond its stages is torch's own work."""
+
+PLAIN = ("plain blend", "plain blend adjoint")
+
+EFFECTS = Effects(depth=False)
+SSIM_WEIGHT = 0.2
+NOISE = 0.1
+"""Standard deviation by which the photograph differs from the rendering, so that every gradient is there."""
+
+
+STILL = LearningRates(
+    means=1e-12, means_final=1e-12, log_scales=1e-12, quaternions=1e-12, opacity_logits=1e-12, sh_dc=1e-12
+)
+"""Too small to move anything: every repeat has the same scene to draw."""
+
+
+class Bench:
+    """A scene, its photograph and an optimiser, ready to be timed."""
+
+    def __init__(self, garden: Garden) -> None:
+        self.garden, self.camera = garden, garden.camera
+        gaussians = garden.gaussians()
+        noise = torch.Generator().manual_seed(garden.seed)
+        seen = render(gaussians, self.camera, effects=EFFECTS).color
+        self.photograph = (seen + NOISE * torch.randn(seen.shape, generator=noise)).clamp(0.0, 1.0)
+        self.optimiser = GaussianAdam(gaussians, STILL, extent=1.0)
+
+    def stages(self, repeats: int) -> Seconds:
+        """Time every stage, each fed by the one before."""
+        seconds: Seconds = defaultdict(list)
+        with quiet():
+            for repeat in range(repeats + 1):
+                measured: dict[str, float] = {}
+                self._step(measured)
+                if repeat > 0:  # the first one compiles and warms up
+                    for name, value in measured.items():
+                        seconds[name].append(value)
+        return seconds
+
+    def whole(self, repeats: int) -> Seconds:
+        """Time the step in one piece."""
+        seconds: Seconds = {WHOLE: []}
+        with quiet():
+            for repeat in range(repeats + 1):
+                start = time.perf_counter()
+                rendering = render(self.optimiser.gaussians(), self.camera, effects=EFFECTS)
+                self._loss(rendering.color).backward()
+                self.optimiser.step(0.5, shown=rendering.projection.extents[:, 0] > 0.0)
+                if repeat > 0:
+                    seconds[WHOLE].append(time.perf_counter() - start)
+        return seconds
+
+    def plain(self, repeats: int) -> Seconds:
+        """Time the plain rasteriser on the same bins, one thread."""
+        gaussians, camera = self.optimiser.gaussians(), self.camera
+        with torch.no_grad():
+            projection = project_into(gaussians, camera)
+            colors = shade(gaussians.means, gaussians.sh, projection.extents, camera, DEGREE)
+        pixels = camera.width * camera.height
+        bins = binned(projection, camera)
+        splats = [
+            warp_array(projection.centers, wp.vec2),
+            warp_array(projection.conics, wp.vec3),
+            warp_array(projection.opacities, wp.float32),
+            warp_array(colors, wp.vec3),
+        ]
+        outputs = [wp.zeros(pixels, dtype=dtype, device="cpu") for dtype in (wp.vec3, float)]
+        adj_outputs = [wp.ones(pixels, dtype=dtype, device="cpu") for dtype in (wp.vec3, float)]
+        seconds: Seconds = {name: [] for name in PLAIN}
+        with quiet():
+            for repeat in range(repeats + 1):
+                adj_splats = [wp.zeros_like(array) for array in splats]
+                start = time.perf_counter()
+                plain.composite(bins, camera.width, camera.height, splats, outputs)
+                middle = time.perf_counter()
+                plain.composite_adjoint(
+                    bins, camera.width, camera.height, splats, outputs, adj_outputs, adj_splats
+                )
+                if repeat > 0:
+                    seconds["plain blend"].append(middle - start)
+                    seconds["plain blend adjoint"].append(time.perf_counter() - middle)
+        return seconds
+
+    def _step(self, measured: dict[str, float]) -> None:
+        gaussians, camera = self.optimiser.gaussians(), self.camera
+        with watch(measured, "project"):
+            projection = project_into(gaussians, camera)
+        with watch(measured, "shade"):
+            colors = shade(gaussians.means, gaussians.sh, projection.extents, camera, DEGREE)
+
+        flat = projection._replace(
+            centers=_leaf(projection.centers),
+            conics=_leaf(projection.conics),
+            opacities=_leaf(projection.opacities),
+        )
+        shaded = _leaf(colors)
+        with watch(measured, "sort and bin"), timed_launches() as launches:
+            blended = composite(flat, shaded, camera.width, camera.height, with_depth=False)
+        measured["blend"] = sum(seconds for name, seconds in launches if name == "composite")
+        measured["sort and bin"] -= measured["blend"]
+
+        color = _leaf(blended.color)
+        with watch(measured, "loss"):
+            loss = self._loss(color)
+        with watch(measured, "loss adjoint"):
+            (adj_color,) = torch.autograd.grad(loss, color)
+
+        inputs = [flat.centers, flat.conics, flat.opacities, shaded]
+        with watch(measured, "sum rows"), timed_launches() as launches:
+            adj_splats = torch.autograd.grad(blended.color, inputs, adj_color)
+        measured["blend adjoint"] = sum(t for name, t in launches if name == "composite_adjoint")
+        measured["sum rows"] -= measured["blend adjoint"]
+
+        with watch(measured, "shade adjoint"):
+            torch.autograd.backward(colors, adj_splats[3])
+        with watch(measured, "project adjoint"):
+            torch.autograd.backward(
+                [projection.centers, projection.conics, projection.opacities], list(adj_splats[:3])
+            )
+        with watch(measured, "optimiser"):
+            self.optimiser.step(0.5, shown=projection.extents[:, 0] > 0.0)
+
+    def _loss(self, color: torch.Tensor) -> torch.Tensor:
+        return photometric_loss(color, self.photograph, None, SSIM_WEIGHT)
+
+
+@contextmanager
+def watch(measured: dict[str, float], name: str) -> Iterator[None]:
+    """Put the wall time of the block [s] under a name."""
+    start = time.perf_counter()
+    yield
+    measured[name] = time.perf_counter() - start
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep Python's garbage collector from running inside a measurement."""
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
+
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    """Let Warp's launches and torch use so many threads inside the block."""
+    before, torch_before = thread_count(), torch.get_num_threads()
+    set_thread_count(count)
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        set_thread_count(before)
+        torch.set_num_threads(torch_before)
+
+
+def _leaf(tensor: torch.Tensor) -> torch.Tensor:
+    return tensor.detach().requires_grad_()

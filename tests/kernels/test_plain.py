@@ -1,0 +1,48 @@
+"""The plain kernel and the fast ones draw the same image and the same gradients."""
+
+import torch
+import warp as wp
+
+from diga3d_warp.bench.garden import DEGREE, Garden, binned, project_into
+from diga3d_warp.kernels import plain
+from diga3d_warp.splatting.arrays import warp_array
+from diga3d_warp.splatting.composite import composite
+from diga3d_warp.splatting.shade import shade
+
+NAMES = ("centers", "conics", "opacities")
+TYPES = (wp.vec2, wp.vec3, wp.float32, wp.vec3)
+
+
+def test_fast_kernels_agree_with_the_plain_one():
+    garden = Garden(count=3000, width=101, height=67)
+    gaussians, camera = garden.gaussians(), garden.camera
+    projection = project_into(gaussians, camera)
+    colors = shade(gaussians.means, gaussians.sh, projection.extents, camera, DEGREE).requires_grad_()
+    leaves = {name: getattr(projection, name).detach().requires_grad_() for name in NAMES}
+    blended = composite(projection._replace(**leaves), colors, camera.width, camera.height)
+    random = torch.Generator().manual_seed(1)
+    adj_color = torch.randn(blended.color.shape, generator=random)
+    adj_transmittance = torch.randn(blended.transmittance.shape, generator=random)
+    torch.autograd.backward([blended.color, blended.transmittance], [adj_color, adj_transmittance])
+
+    bins, pixels = binned(projection, camera), camera.width * camera.height
+    leaves["colors"] = colors
+    splats = [warp_array(leaf, dtype) for leaf, dtype in zip(leaves.values(), TYPES, strict=True)]
+    outputs = [wp.zeros(pixels, dtype=dtype, device="cpu") for dtype in (wp.vec3, float)]
+    plain.composite(bins, camera.width, camera.height, splats, outputs)
+    color, transmittance = (torch.from_numpy(array.numpy()) for array in outputs)
+    torch.testing.assert_close(blended.color.view(-1, 3), color, atol=1e-5, rtol=0)
+    torch.testing.assert_close(blended.transmittance.view(-1), transmittance, atol=1e-5, rtol=0)
+    assert 0.0 < transmittance.min() < 2e-4
+    assert transmittance.max() > 0.01
+
+    adj_splats = [wp.zeros_like(array) for array in splats]
+    adj_outputs = [
+        warp_array(adj_color.view(-1, 3), wp.vec3),
+        warp_array(adj_transmittance.view(-1), wp.float32),
+    ]
+    plain.composite_adjoint(bins, camera.width, camera.height, splats, outputs, adj_outputs, adj_splats)
+    for (name, leaf), plain_gradient in zip(leaves.items(), adj_splats, strict=True):
+        expected = torch.from_numpy(plain_gradient.numpy())
+        error = (leaf.grad - expected).norm() / expected.norm()
+        assert error < 1e-4, f"{name}: {error}"
