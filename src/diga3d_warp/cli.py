@@ -210,6 +210,9 @@ def _add_benchmarks(bench: argparse.ArgumentParser) -> None:
     kernels.add_argument(
         "--repeats", type=_positive_int, default=9, metavar="N", help="times each stage is run (default 9)"
     )
+    kernels.add_argument(
+        "--sizes", action="store_true", help="cost against the number of gaussians and pixels instead"
+    )
 
 
 def _add_run_options(command: argparse.ArgumentParser) -> None:
@@ -352,13 +355,14 @@ def _doctor() -> int:
     return examine()
 
 
-def _bench_kernels(out: Path, repeats: int) -> int:
+def _bench_kernels(out: Path, repeats: int, sizes: bool) -> int:
     from diga3d_warp.bench.garden import Garden
     from diga3d_warp.bench.kernels import bench_kernels
+    from diga3d_warp.bench.sizes import bench_sizes
 
-    for table in bench_kernels(out, repeats, Garden()):
+    for table in bench_sizes(out, repeats) if sizes else bench_kernels(out, repeats, Garden()):
         print(table.text())
-    print(out / "kernels.md")
+    print(out / ("sizes.md" if sizes else "kernels.md"))
     return 0
 
 

@@ -96,3 +96,26 @@ def bars(path: Path, title: str, parts: Sequence[str], groups: Mapping[str, Sequ
         axes.margins(x=0.12)
         axes.set_title(title, loc="left", fontsize=10)
         axes.legend(frameon=False)
+
+
+def lines(
+    path: Path,
+    panels: Sequence[tuple[str, Sequence[float], Mapping[str, Sequence[float]]]],
+    title: str,
+) -> None:
+    """Curves on logarithmic axes, panels side by side; the last curve of each is a dashed guide.
+
+    Args:
+        path: The .png file.
+        panels: Name of the horizontal axis, its values, and the values of each curve by name.
+        title: What the vertical axes show, with unit.
+    """
+    with plot(path, len(panels)) as axes:
+        for each, (name, places, curves) in zip(axes, panels, strict=True):
+            for label, values in curves.items():
+                guide = label == list(curves)[-1]
+                style = {"color": "0.6", "linestyle": "--"} if guide else {"marker": "o", "markersize": 4}
+                each.plot(places, values, label=label, **style)
+            each.set(xscale="log", yscale="log", xlabel=name)
+        axes[0].set_title(title, loc="left", fontsize=10)
+        axes[0].legend(frameon=False)
