@@ -137,7 +137,7 @@ class Bench:
         )
         shaded = _leaf(colors)
         with watch(measured, "sort and bin"), timed_launches() as launches:
-            blended = composite(flat, shaded, camera.width, camera.height, with_depth=False)
+            blended = composite(flat, shaded, camera.width, camera.height, effects=EFFECTS)
         measured["blend"] = sum(seconds for name, seconds in launches if name == "composite")
         measured["sort and bin"] -= measured["blend"]
 
