@@ -258,14 +258,22 @@ def composite(
     return Image(weights @ colors, weights @ depths, before[..., -1], ~close, weights, median_depth)
 
 
-def render(parameters, pose: torch.Tensor, background: torch.Tensor, camera: Camera, degree: int):
+def render(
+    parameters, pose: torch.Tensor, background: torch.Tensor, camera: Camera, degree: int, *,
+    footprint: str = "affine", alpha_min: float = ALPHA_MIN, transmittance_min: float = TRANSMITTANCE_MIN,
+    pixel_order: bool = False,
+):  # fmt: skip
     """Colour, alpha, expected depth and `certain`, for parameters in the order of `Gaussians`."""
     means, log_scales, quaternions, opacity_logits, sh = parameters
-    splats = project(means, log_scales, quaternions, opacity_logits, pose, camera)
+    splats = project(
+        means, log_scales, quaternions, opacity_logits, pose, camera,
+        footprint=footprint, alpha_min=alpha_min,
+    )  # fmt: skip
     colors = shade(means, sh, pose, degree)
     image = composite(
         splats.centers, splats.conics, splats.depths, splats.opacities, colors, splats.drawn,
-        camera.width, camera.height,
+        camera.width, camera.height, alpha_min=alpha_min, transmittance_min=transmittance_min,
+        slopes=splats.slopes if pixel_order else None,
     )  # fmt: skip
     alpha = 1 - image.transmittance
     color = image.color + image.transmittance[..., None] * background

@@ -126,6 +126,7 @@ class Effects:
         lens: Follow the camera's lens distortion inside the projection; off, cameras are pinholes.
         antialias: Scale opacity by what the low-pass widens a splat (Mip-Splatting's 2D filter).
         depth: Blend expected depth.
+        median_depth: Find the depth at which half of the light is gone.
         normals: Blend normals of the gaussians' shortest axes.
         exposure: Fit an affine colour transform for each image.
         background: Blend a colour behind all gaussians.
@@ -137,6 +138,7 @@ class Effects:
     lens: bool = True
     antialias: bool = False
     depth: bool = True
+    median_depth: bool = False
     normals: bool = False
     exposure: bool = False
     background: bool = True

@@ -10,6 +10,7 @@ import torch
 from diga3d_warp.config import Accuracy, Effects
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.composite import composite
+from diga3d_warp.splatting.normals import orient
 from diga3d_warp.splatting.project import Projection, project
 from diga3d_warp.splatting.shade import degree_of, shade
 
@@ -25,12 +26,18 @@ class Rendering(NamedTuple):
         alpha: Opacity of each pixel in [0, 1], shape (H, W).
         depth: Expected z along the camera axis [scene units], shape (H, W); 0 where nothing was drawn.
         projection: Gaussians in the image plane; `projection.extents[:, 0] > 0` tells which were drawn.
+        median_depth: Depth of the gaussian at which transmittance falls below a half [scene units], 0 where
+            it never does, shape (H, W); None where the effect is off.
+        normals: Mean of the gaussians' normals by weight, in camera space, shape (H, W, 3); shorter than 1
+            where they differ, 0 where nothing was drawn. None where the effect is off.
     """
 
     color: torch.Tensor
     alpha: torch.Tensor
     depth: torch.Tensor
     projection: Projection
+    median_depth: torch.Tensor | None = None
+    normals: torch.Tensor | None = None
 
 
 def render(
@@ -44,7 +51,7 @@ def render(
     """Render gaussians from a camera.
 
     Gradients reach every parameter of the gaussians, the background, `camera.world_to_camera` and
-    `camera.intrinsics`.
+    `camera.intrinsics`. Results are in the accuracy's precision.
 
     Args:
         gaussians: N gaussians, on CPU or CUDA.
@@ -65,12 +72,22 @@ def render(
         accuracy=accuracy, effects=effects,
     )  # fmt: skip
     colors = shade(gaussians.means, gaussians.sh, projection.extents, camera, degree)
-    blended = composite(projection, colors, camera.width, camera.height, accuracy=accuracy, effects=effects)
+    facing = None
+    if effects.normals:
+        facing = orient(
+            gaussians.means, gaussians.log_scales, gaussians.quaternions, projection.extents, camera
+        )
+    blended = composite(
+        projection, colors, camera.width, camera.height, accuracy=accuracy, effects=effects,
+        normals=facing, median_depth=effects.median_depth,
+    )  # fmt: skip
     color = blended.color
     if effects.background:
         behind = torch.as_tensor(background, dtype=color.dtype, device=color.device)
         color = color + blended.transmittance[..., None] * behind
     alpha = 1.0 - blended.transmittance
-    # alpha is 0 or at least 1/255: the floor only replaces a division of 0 by 0.
-    depth = blended.depth_sum / alpha.clamp_min(1e-6)
-    return Rendering(color, alpha, depth, projection)
+    # alpha is 0 or at least alpha_min: the floor only replaces a division of 0 by 0.
+    weight = alpha.clamp_min(0.5 * accuracy.alpha_min)
+    depth = blended.depth_sum / weight
+    normals = None if blended.normal_sum is None else blended.normal_sum / weight[..., None]
+    return Rendering(color, alpha, depth, projection, blended.median_depth, normals)
