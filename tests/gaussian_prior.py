@@ -71,5 +71,5 @@ class GaussianPrior:
             noise = noise + self.attention * seen.mT.reshape(z.shape)
         return noise
 
-    def fill(self, image, mask, *, seed=0):
+    def fill(self, image, mask, *, seed=0, depth=None):
         raise NotImplementedError

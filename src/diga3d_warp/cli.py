@@ -108,7 +108,12 @@ def parser() -> argparse.ArgumentParser:
         "diga3d remove captures/statue --out run/statue --masks captures/statue/masks",
     )
     _add_run_options(remove)
-    remove.add_argument("--prior", choices=["classical"], default="classical", help="what fills a view")
+    remove.add_argument(
+        "--prior",
+        choices=["exemplar", "classical"],
+        default="exemplar",
+        help="what invents the part that no view saw (default exemplar)",
+    )
     _add_reference_options(remove)
 
     retexture = add(

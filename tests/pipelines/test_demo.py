@@ -22,7 +22,7 @@ class QuickPrior:
 
     name = "quick"
 
-    def fill(self, image, mask, *, seed=0):
+    def fill(self, image, mask, *, seed=0, depth=None):
         return telea_fill(image, mask)
 
 
@@ -33,7 +33,7 @@ def small_demo(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(demo, "ROOM", replace(demo.ROOM, width=96, height=72, views=9, supersampling=1))
         patch.setattr(demo, "SETTINGS", SETTINGS)
-        patch.setattr("diga3d_warp.pipelines.remove.ClassicalPrior", QuickPrior)
+        patch.setattr("diga3d_warp.pipelines.remove.ExemplarPrior", QuickPrior)
         demo.run_demo(out)
         yield out, lambda: demo.run_demo(out)
 

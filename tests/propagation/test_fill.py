@@ -63,8 +63,11 @@ class Story:
         self.asked: list[np.ndarray] = []
         self.tints = iter((0.3, 0.1, 0.2))
 
-    def fill(self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0) -> torch.Tensor:
+    def fill(
+        self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0, depth: torch.Tensor | None = None
+    ) -> torch.Tensor:
         assert not ((image[~mask] == torch.tensor([1.0, 0.0, 0.0])).all(-1)).any(), "the object is masked"
+        assert depth is not None and depth.shape == mask.shape and (depth > 0.0).all()
         self.asked.append(mask.numpy().copy())
         painted = image.clone()
         painted[mask] = torch.tensor([0.0, 0.0, 0.7]) + next(self.tints)

@@ -11,6 +11,7 @@ refit        the hole fitted to the filled views, with colour and depth
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.classical import ClassicalPrior
+from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.protocol import Prior
 from diga3d_warp.propagation.references import check_reference_count
 from diga3d_warp.scene.load import load_scene
@@ -37,6 +39,10 @@ REFIT = FitSettings(
 )
 """The fit of the hole. 1000 to 1500 iterations are the field's custom for edits; the hole starts from
 gaussians on the filled surface, so fewer do."""
+
+
+PRIORS: dict[str, Callable[[], Prior]] = {"exemplar": ExemplarPrior, "classical": ClassicalPrior}
+"""What `--prior` names."""
 
 
 @dataclass(frozen=True)
@@ -101,14 +107,14 @@ def remove(
         scene: With masks in at least one training view.
         run: Where stages and results go; finished stages of an interrupted run are taken up.
         settings: How.
-        prior: What invents the part that no view saw; the classical one if None.
+        prior: What invents the part that no view saw; `ExemplarPrior` if None.
         seed: Same scene, settings and seed: same bytes.
 
     Raises:
         InputError: no view has a mask, the masks lift to nothing, or there are fewer views than references.
     """
     settings = settings or RemoveSettings()
-    prior = prior or ClassicalPrior()
+    prior = prior or ExemplarPrior()
     check_removal(scene, settings)
     stages.begin(run, scene)
     source = stages.fit_source(run, scene, settings.fit, seed)
@@ -147,6 +153,6 @@ def remove_command(
         },
         resume=resume,
     )  # fmt: skip
-    remove(capture, run, settings, prior=ClassicalPrior(), seed=seed)
+    remove(capture, run, settings, prior=PRIORS[prior](), seed=seed)
     conclude(run, capture)
     return run

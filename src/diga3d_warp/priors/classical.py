@@ -55,8 +55,10 @@ class ClassicalPrior:
     def __init__(self, settings: ClassicalSettings | None = None) -> None:
         self.settings = settings or ClassicalSettings()
 
-    def fill(self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0) -> torch.Tensor:
-        """Fill the masked pixels; see `Prior.fill`. Nothing is random: the seed changes nothing."""
+    def fill(
+        self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0, depth: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """Fill the masked pixels; see `Prior.fill`. Seed and depth change nothing."""
         check_fill(image, mask)
         holes = mask.cpu().numpy().astype(bool)
         pixels = to_bytes(image)

@@ -30,13 +30,17 @@ class Prior(Protocol):
         """Name on the command line."""
         ...
 
-    def fill(self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0) -> torch.Tensor:
+    def fill(
+        self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0, depth: torch.Tensor | None = None
+    ) -> torch.Tensor:
         """Invent the masked pixels so that they continue the others.
 
         Args:
             image: RGB in [0, 1], shape (H, W, 3), float32. Masked pixels are not looked at.
             mask: True where to fill, shape (H, W), bool. May be empty.
             seed: Same image, mask and seed: same bytes.
+            depth: z of the surface to be seen at each pixel, also behind the mask [scene units], positive,
+                shape (H, W), float32. Tells which surroundings go on; a prior that cannot use it ignores it.
 
         Returns:
             Filled image, shape (H, W, 3), float32 in [0, 1]; unmasked pixels are exactly those of `image`.

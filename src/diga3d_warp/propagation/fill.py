@@ -95,21 +95,21 @@ def invent(
     if not hole.any():
         return image, completed
     if near is None:
-        return _filled(image, hole, prior, seed), completed
+        return _filled(image, hole, completed, prior, seed), completed
     # What lies in front counts as unknown too; within the whole image that would be far more than the hole.
     around = surroundings(hole)
-    behind = _filled(image[around], (hole | near.front)[around], prior, seed)
+    behind = _filled(image[around], (hole | near.front)[around], completed[around], prior, seed)
     filled = image.copy()
     filled[around] = np.where(hole[around][..., None], behind, image[around])
     window = near.window
-    front = _filled(image[window], ~near.surface[window], prior, seed)
+    front = _filled(image[window], ~near.surface[window], completed[window], prior, seed)
     filled[window] = np.where(near.part[window][..., None], front, filled[window])
     return filled, completed
 
 
-def _filled(image: np.ndarray, mask: np.ndarray, prior: Prior, seed: int) -> np.ndarray:
-    colors = torch.from_numpy(np.ascontiguousarray(image))
-    return prior.fill(colors, torch.from_numpy(np.ascontiguousarray(mask)), seed=seed).numpy()
+def _filled(image: np.ndarray, mask: np.ndarray, depth: np.ndarray, prior: Prior, seed: int) -> np.ndarray:
+    colors, missing, behind = (torch.from_numpy(np.ascontiguousarray(a)) for a in (image, mask, depth))
+    return prior.fill(colors, missing, seed=seed, depth=behind).numpy()
 
 
 def carry(

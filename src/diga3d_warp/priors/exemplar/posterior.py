@@ -165,7 +165,7 @@ def way_costs(query: QueryScale, source: SourceScale, noise: float) -> tuple[flo
     if not source.placed:
         return 0.0, 0.0
     s = query.settings
-    unit = query.unit(noise) * query.shrink**0.5 / (query.size[0] ** 2 + query.size[1] ** 2)
+    unit = query.unit(noise) * query.urgency / (query.size[0] ** 2 + query.size[1] ** 2)
     return unit * s.across, unit * s.down
 
 

@@ -35,9 +35,8 @@ class ExemplarPrior:
         """Fill the masked pixels; see `Prior.fill`.
 
         Args:
-            image, mask, seed: As in `Prior.fill`.
-            depth: z of what is to be seen, also behind the mask [scene units], positive, shape (H, W). The
-                fill then takes patches from surfaces at about that depth.
+            image, mask, seed, depth: As in `Prior.fill`. With a depth, patches are taken from surfaces at
+                about the same depth.
 
         Raises:
             InputError: the mask covers everything, the shapes do not fit, or a depth is not positive.
@@ -49,7 +48,9 @@ class ExemplarPrior:
             )
         if not mask.any():
             return image
-        controls = image.new_zeros(*mask.shape, 0) if depth is None else controls_of(depth=depth)
+        controls = (
+            image.new_zeros(*mask.shape, 0) if depth is None else controls_of(depth, settings=self.patches)
+        )
         source = Source(2.0 * image - 1.0, ~mask, controls.to(image))
         filled = fill_missing(source, seed, self.patches, self.settings)
         if filled is None:

@@ -64,6 +64,11 @@ class QueryScale:
         """The known image with `colors` (h, w, 3) where colours are missing."""
         return torch.where(self.missing[..., None], colors, self.known)
 
+    @property
+    def urgency(self) -> float:
+        """Factor on the costs of controls and of the way; see `PatchSettings`."""
+        return self.shrink**0.5
+
     def unit(self, noise: float) -> float:
         """What a cost of 1 counts in the distances of patches that hold noise."""
         return self.precision(noise) * 3 * self.settings.side**2
@@ -80,12 +85,12 @@ class QueryScale:
         """Weights of the padded features' square differences, zero outside the image.
 
         Missing pixels hold noise, known ones are clean: each counts by its own variance. Controls count as
-        missing colours do, so that costs keep their ratio to colours while the noise falls.
+        the colours of their pixel do, so that costs keep their ratio to colours while the noise falls.
         """
         sought = self.precision(noise)
         clean = self.precision(min(noise, self.settings.known_noise))
         colors = torch.where(self.missing[..., None], sought, clean).expand(-1, -1, 3)
-        controls = torch.full_like(self.controls, sought)
+        controls = (self.urgency * colors[..., :1]).expand_as(self.controls)
         return _padded(torch.cat([colors, controls], -1), self.settings.radius)
 
     def queries(self, image: torch.Tensor, noise: float) -> Queries:

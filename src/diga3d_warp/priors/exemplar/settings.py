@@ -10,7 +10,8 @@ class PatchSettings:
     """When two patches are alike, and how the likest are found.
 
     Square differences are means over the colours of a patch, so the costs say which mean square difference
-    of colours an offence is worth.
+    of colours an offence is worth. In an image shrunk s times, the costs of the way and of controls are
+    sqrt(s) times as much: coarse scales decide what lies where, and fine ones choose among patches near by.
 
     Attributes:
         radius: Of a patch [px]; 7 x 7 is the custom since Wexler et al. 2007.
@@ -21,9 +22,7 @@ class PatchSettings:
         known_noise: Most that a known pixel inside a query may differ [1]. Known pixels are clean, but no
             patch has exactly theirs.
         across, down: Cost of a patch one image diagonal away, across and down the image, with the square of
-            the way [1]. What stands at one height in a photograph mostly lies at one depth. In an image
-            shrunk s times the cost is sqrt(s) times as much: coarse scales decide what lies where, and fine
-            ones choose among patches near by.
+            the way [1]. What stands at one height in a photograph mostly lies at one depth.
         depth: Cost of a depth greater or less by a factor of e, with the square of its logarithm [1].
         edges: Cost of an edge where there is none [1].
         apart: Cost of a patch from which none of the neighbours' patches is copied on [1]. At zero textures
@@ -41,7 +40,7 @@ class PatchSettings:
     known_noise: float = 0.1
     across: float = 0.25
     down: float = 2.5
-    depth: float = 3.0
+    depth: float = 0.5
     edges: float = 0.1
     apart: float = 0.03
     window: float = 2.0

@@ -101,8 +101,10 @@ class StableDiffusionPrior:
         """Side of a latent cell [px]."""
         return 2 ** (len(self.parts.vae.config.block_out_channels) - 1)
 
-    def fill(self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0) -> torch.Tensor:
-        """Fill the masked pixels under the default prompts; see `Prior.fill`."""
+    def fill(
+        self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0, depth: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """Fill the masked pixels under the default prompts; see `Prior.fill`. The depth is not used."""
         return fill_one(
             self, image, mask, Guidance(self.encode_prompts(*self.defaults)), self.settings, seed=seed
         )
