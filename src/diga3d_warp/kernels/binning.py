@@ -6,7 +6,7 @@ of its own with a counter of its own per tile, so dealers run on different threa
 same for any number of them.
 
 Invariants
-- Counting and dealing call the same `tile_range`, so every slot that was counted is filled.
+- Counting and dealing read the same ranges of tiles, so every slot that was counted is filled.
 - Equal depths keep the order of their indices.
 - Depths of drawn gaussians are positive floats, whose bits sort like integers.
 - Pairs are numbered in 32 bits; more of them raise an error before anything is written.
@@ -89,36 +89,46 @@ def count_tiles(
     columns: int,
     rows: int,
     # outputs
+    ranges: wp.array(dtype=wp.vec4i),
     tiles: wp.array(dtype=int),
 ):
     i = wp.tid() + offset
-    count = int(0)
-    if extents[i][0] > 0.0:
-        r = tile_range(centers[i], extents[i], columns, rows)
-        count = wp.max(r[1] - r[0], 0) * wp.max(r[3] - r[2], 0)
-    tiles[i] = count
+    if not (extents[i][0] > 0.0):
+        ranges[i] = wp.vec4i(0, 0, 0, 0)
+        tiles[i] = 0
+        return
+    r = tile_range(centers[i], extents[i], columns, rows)
+    ranges[i] = r
+    tiles[i] = wp.max(r[1] - r[0], 0) * wp.max(r[3] - r[2], 0)
+
+
+# Each is one move; Warp's indexing would multiply by strides and wrap negative cells, for every pair.
+@wp.func_native("return cells.data[cell]++;")
+def take(cells: wp.array(dtype=int), cell: int) -> int: ...
+
+
+@wp.func_native("cells.data[cell] = value;")
+def put(cells: wp.array(dtype=int), cell: int, value: int): ...
 
 
 @wp.kernel
 def count_dealt(
     offset: int,
     order: wp.array(dtype=int),
-    centers: wp.array(dtype=wp.vec2),
-    extents: wp.array(dtype=wp.vec2),
+    ranges: wp.array(dtype=wp.vec4i),
     columns: int,
     rows: int,
     # outputs
-    counters: wp.array2d(dtype=int),
+    counters: wp.array(dtype=int),
 ):
     dealer = wp.tid() + offset
     drawn = order.shape[0]
     for k in range(dealer * drawn // DEALERS, (dealer + 1) * drawn // DEALERS):
-        i = order[k]
-        r = tile_range(centers[i], extents[i], columns, rows)
+        r = ranges[order[k]]
         for y in range(r[2], r[3]):
+            row = (dealer * rows + y) * columns
             for x in range(r[0], r[1]):
-                tile = y * columns + x
-                counters[dealer, tile] = counters[dealer, tile] + 1
+                take(counters, row + x)
 
 
 @wp.kernel
@@ -126,12 +136,11 @@ def deal(
     offset: int,
     order: wp.array(dtype=int),
     first: wp.array(dtype=int),
-    centers: wp.array(dtype=wp.vec2),
-    extents: wp.array(dtype=wp.vec2),
+    ranges: wp.array(dtype=wp.vec4i),
     columns: int,
     rows: int,
     # outputs
-    cursors: wp.array2d(dtype=int),
+    cursors: wp.array(dtype=int),
     gaussians: wp.array(dtype=int),
     slots: wp.array(dtype=int),
 ):
@@ -140,14 +149,13 @@ def deal(
     for k in range(dealer * drawn // DEALERS, (dealer + 1) * drawn // DEALERS):
         i = order[k]
         emission = int(first[k])
-        r = tile_range(centers[i], extents[i], columns, rows)
+        r = ranges[i]
         for y in range(r[2], r[3]):
+            row = (dealer * rows + y) * columns
             for x in range(r[0], r[1]):
-                tile = y * columns + x
-                slot = cursors[dealer, tile]
-                cursors[dealer, tile] = slot + 1
-                gaussians[slot] = i
-                slots[emission] = slot
+                slot = take(cursors, row + x)
+                put(gaussians, slot, i)
+                put(slots, emission, slot)
                 emission += 1
 
 
@@ -188,8 +196,10 @@ def bin_gaussians(centers: wp.array, depths: wp.array, extents: wp.array, width:
     if depths.dtype == wp.float64:
         centers, extents = rounded_outwards(centers, extents)
     columns, rows = -(-width // TILE), -(-height // TILE)
-    tiles = wp.empty(centers.shape[0], dtype=int, device=device)
-    launch(count_tiles, centers.shape[0], [centers, extents, columns, rows], [tiles], device=device)
+    count = centers.shape[0]
+    ranges = wp.empty(count, dtype=wp.vec4i, device=device)
+    tiles = wp.empty(count, dtype=int, device=device)
+    launch(count_tiles, count, [centers, extents, columns, rows], [ranges, tiles], device=device)
 
     counts = tiles.numpy()
     drawn = np.flatnonzero(counts)
@@ -205,21 +215,21 @@ def bin_gaussians(centers: wp.array, depths: wp.array, extents: wp.array, width:
 
     order = wp.array(sequence, dtype=int, device=device)
     emissions = wp.array(first.astype(np.int32), dtype=int, device=device)
-    counters = wp.zeros((DEALERS, columns * rows), dtype=int, device=device)
+    counters = wp.zeros(DEALERS * columns * rows, dtype=int, device=device)
     launch(
-        count_dealt, DEALERS, [order, centers, extents, columns, rows], [counters],
+        count_dealt, DEALERS, [order, ranges, columns, rows], [counters],
         device=device, work=pairs,
     )  # fmt: skip
     # A dealer's first slot in a tile comes after all earlier tiles and, in the tile, after earlier dealers.
-    dealt = counters.numpy()
+    dealt = counters.numpy().reshape(DEALERS, columns * rows)
     ends = np.cumsum(dealt.T, dtype=np.int64).reshape(columns * rows, DEALERS)
     starts = np.concatenate([[0], ends[:, -1]]).astype(np.int32)
-    cursors = wp.array(np.ascontiguousarray((ends - dealt.T).T.astype(np.int32)), dtype=int, device=device)
+    cursors = wp.array((ends - dealt.T).T.astype(np.int32).reshape(-1), dtype=int, device=device)
 
     gaussians = wp.empty(pairs, dtype=int, device=device)
     slots = wp.empty(pairs, dtype=int, device=device)
     launch(
-        deal, DEALERS, [order, emissions, centers, extents, columns, rows], [cursors, gaussians, slots],
+        deal, DEALERS, [order, emissions, ranges, columns, rows], [cursors, gaussians, slots],
         device=device, work=pairs,
     )  # fmt: skip
     return Bins(columns, rows, gaussians, wp.array(starts, dtype=int, device=device), order, emissions, slots)
