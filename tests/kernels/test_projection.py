@@ -6,8 +6,9 @@ import pytest
 import torch
 
 import oracle
-from diga3d_warp.config import POSE_GROUP
+from diga3d_warp.config import POSE_GROUP, Accuracy
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.splatting.normals import orient
 from diga3d_warp.splatting.optics import optics_of
 from diga3d_warp.splatting.project import Projection, project
 from scenes import LENSES, camera_at, random_gaussians
@@ -125,14 +126,19 @@ def test_culled_rows_are_exact_zeros_with_zero_gradient(lens):
             assert (leaf.grad[~culled] != 0).any()
 
 
-def test_bits_do_not_depend_on_the_number_of_threads(threads):
+@pytest.mark.parametrize("footprint", ["affine", "unscented"])
+def test_bits_do_not_depend_on_the_number_of_threads(footprint, threads):
     gaussians, camera = wide_scene(3 * POSE_GROUP + 17), camera_at()
+    accuracy = Accuracy(footprint=footprint, pixel_order=True)
     results = []
     for count in (1, 2, 3):
         threads(count)
-        found, leaves = projected(gaussians, camera)
-        (found.centers.sum() + found.conics.sum() + found.depths.sum()).backward()
-        results.append([*found[:5], *(leaf.grad for leaf in leaves.values() if leaf.grad is not None)])
+        found, leaves = projected(gaussians, camera, accuracy=accuracy)
+        normals = orient(*list(leaves.values())[:3], found.extents, camera.with_pose(leaves["pose"]))
+        parts = (found.centers, found.conics, found.depths, found.depth_slopes, normals)
+        sum(part.sum() for part in parts).backward()
+        results.append([*found, normals, *(leaf.grad for leaf in leaves.values())])
+    assert all(part.abs().max() > 0.01 for part in (*parts, leaves["pose"].grad))
     for other in results[1:]:
         assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
 

@@ -5,10 +5,12 @@ import pytest
 import torch
 import warp as wp
 
+from diga3d_warp.config import Accuracy, Effects
 from diga3d_warp.kernels import tape as taped
 from diga3d_warp.kernels.blending import Blending
 from diga3d_warp.splatting.arrays import warp_array
 from diga3d_warp.splatting.composite import composite
+from diga3d_warp.splatting.normals import orient
 from diga3d_warp.splatting.optics import optics_of
 from diga3d_warp.splatting.project import project
 from diga3d_warp.splatting.reproject import motion_between, reproject
@@ -132,7 +134,53 @@ def test_gradients_add_up_and_can_be_cleared():
     assert not any(array.grad.numpy().any() for array in leaves.values())
 
 
-def test_reprojection_gives_the_bits_of_torch():
+def test_double_precision_and_normals_give_the_bits_of_torch():
+    """Sigma points, slopes of depth, anti-aliasing and intrinsics, all in float64, forward and backward."""
+    accuracy = Accuracy(footprint="unscented", precision="float64", pixel_order=True)
+    effects = Effects(antialias=True)
+    camera = camera_at("brown", WIDTH, HEIGHT)
+    optics = optics_of(camera)
+    gaussians = random_gaussians(100)
+    tensors = {name: tensor.double().requires_grad_() for name, tensor in gaussians.named()}
+    *parameters, sh = tensors.values()
+    pose = camera.world_to_camera.clone().requires_grad_()
+    intrinsics = camera.intrinsics.clone().requires_grad_()
+    posed = camera.with_pose(pose).with_intrinsics(intrinsics)
+    found = project(*parameters, posed, accuracy=accuracy, effects=effects)
+    normals = orient(*parameters[:3], found.extents, posed)
+    colors = shade(parameters[0], sh, found.extents, posed, 3)
+    parts = [found.centers, found.conics, found.opacities, found.depth_slopes, normals, colors]
+    sum(part.sum() for part in parts).backward()
+
+    kinds = [wp.vec3d, wp.vec3d, wp.vec4d, wp.float64, wp.vec3d, wp.mat44d, wp.vec4d, wp.vec3d]
+    fixed = camera.world_to_camera
+    rows = [fixed[None], camera.intrinsics[None], -(fixed[:3, :3].T @ fixed[:3, 3:]).T]
+    values = [*(tensor.detach() for tensor in tensors.values()), *rows]
+    arrays = [leaf(value, kind) for value, kind in zip(values, kinds, strict=True)]
+    means, log_scales, quaternions, logits, coefficients, poses, focal, eyes = arrays
+    lens = taped.Lens(
+        optics.lens_kind, wp.vec4(*optics.coefficients), wp.vec2(*optics.lower), wp.vec2(*optics.upper),
+        optics.radius_max,
+    )  # fmt: skip
+    with wp.Tape() as tape:
+        splats = taped.project(
+            tape, lens, means, log_scales, quaternions, logits, poses, focal,
+            accuracy=accuracy, effects=effects,
+        )  # fmt: skip
+        facing = taped.orient(tape, means, log_scales, quaternions, poses, splats.extents)
+        lit = taped.shade(tape, 3, means, coefficients, eyes, splats.extents)
+    outputs = [splats.centers, splats.conics, splats.opacities, splats.depth_slopes, facing, lit]
+    for array, tensor in zip(outputs, parts, strict=True):
+        np.testing.assert_allclose(array.numpy(), tensor.detach().numpy(), rtol=1e-7)  # the lens is rounded
+    tape.backward(grads={array: wp.ones_like(array) for array in outputs})
+    for array, tensor in zip(arrays[:5], tensors.values(), strict=True):
+        assert tensor.grad.abs().max() > 0.01
+        np.testing.assert_allclose(array.grad.numpy(), tensor.grad.numpy(), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(focal.grad.numpy()[0], intrinsics.grad.numpy(), rtol=1e-6)
+
+
+@pytest.mark.parametrize("sampling", ["bilinear", "nearest"])
+def test_reprojection_gives_the_bits_of_torch(sampling):
     source = camera_at(width=WIDTH, height=HEIGHT)
     pose = source.world_to_camera.clone()
     pose[0, 3] += 0.1
@@ -141,13 +189,15 @@ def test_reprojection_gives_the_bits_of_torch():
     weights = random(HEIGHT, WIDTH, 3, seed=2)
 
     tensors = [image.clone().requires_grad_(), depth.clone().requires_grad_()]
-    carried = reproject(*tensors, source, target)
+    carried = reproject(*tensors, source, target, accuracy=Accuracy(sampling=sampling))
     assert carried.visible.float().mean() > 0.5
     (carried.image * weights).sum().backward()
 
     arrays = [leaf(image.view(-1, 3), wp.vec3), leaf(depth.view(-1), wp.float32)]
     with wp.Tape() as tape:
-        outputs = taped.reproject(tape, *arrays, motion_between(source, target, torch.device("cpu")))
+        outputs = taped.reproject(
+            tape, *arrays, motion_between(source, target, torch.device("cpu")), sampling=sampling
+        )
     assert all(equal(array, tensor) for array, tensor in zip(outputs, carried, strict=True))
     tape.backward(grads={outputs[0]: warp_array(weights.view(-1, 3), wp.vec3)})
     assert all(equal(array.grad, tensor.grad) for array, tensor in zip(arrays, tensors, strict=True))

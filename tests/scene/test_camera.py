@@ -42,3 +42,24 @@ def test_absurd_cameras_are_refused(changes, why):
 def test_absurd_lenses_are_refused(coefficients):
     with pytest.raises(InputError, match="four numbers up to 100"):
         Distortion("brown", coefficients)
+
+
+def test_intrinsics_keep_their_gradient_through_other_changes():
+    intrinsics = torch.tensor([35.0, 36.0, 20.0, 15.0], requires_grad=True)
+    camera = Camera(**GOOD, world_to_camera=pose(), distortion=Distortion("brown", (0.1, 0.0, 0.0, 0.0)))
+    changed = camera.with_intrinsics(intrinsics).with_pose(pose(2.0)).without_lens().resized(20, 60)
+    assert (changed.fx, changed.fy, changed.cx, changed.cy) == (17.5, 72.0, 10.0, 30.0)
+    assert changed.pose[2, 3] == 2.0 and changed.distortion is None
+    changed.intrinsics.sum().backward()
+    assert torch.equal(intrinsics.grad, torch.tensor([0.5, 2.0, 0.5, 2.0]))
+    assert camera.intrinsics.tolist() == [35.0, 35.0, 20.0, 15.0]
+
+
+@pytest.mark.parametrize(
+    "intrinsics,why",
+    [([35.0, 35.0, 20.0], r"not of shape \(3,\)"), ([35.0, -1.0, 20.0, 15.0], "sees nothing"),
+     ([float("nan"), 35.0, 20.0, 15.0], "not finite")],
+)  # fmt: skip
+def test_absurd_intrinsics_are_refused(intrinsics, why):
+    with pytest.raises(InputError, match=why):
+        Camera(**GOOD, world_to_camera=pose()).with_intrinsics(torch.tensor(intrinsics))

@@ -14,6 +14,12 @@ REALS = {"float32": wp.float32, "float64": wp.float64}
 """Scalar type of each precision that `config.Accuracy` names."""
 
 
+def precision_of(array: wp.array) -> str:
+    """Name of the precision of an array of scalars, vectors or matrices."""
+    real = getattr(array.dtype, "_wp_scalar_type_", array.dtype)
+    return next(name for name, known in REALS.items() if known is real)
+
+
 class Types(NamedTuple):
     """Vectors and matrices of one scalar type, named as in Warp."""
 

@@ -25,11 +25,18 @@ from typing import NamedTuple
 import warp as wp
 
 from diga3d_warp.config import Accuracy, Effects
-from diga3d_warp.kernels import compositing, compositing_adjoint, harmonics, projection, reprojection
+from diga3d_warp.kernels import (
+    compositing,
+    compositing_adjoint,
+    harmonics,
+    projection,
+    reprojection,
+)
+from diga3d_warp.kernels import normals as facing
 from diga3d_warp.kernels import ssim as similarity
 from diga3d_warp.kernels.binning import bin_gaussians
 from diga3d_warp.kernels.blending import Blending
-from diga3d_warp.kernels.precision import types_of
+from diga3d_warp.kernels.precision import precision_of, types_of
 from diga3d_warp.kernels.projection import Projecting
 
 STANDARD = Blending()
@@ -126,7 +133,7 @@ def project(
 def shade(
     tape: wp.Tape, degree: int, means: wp.array, sh: wp.array, eyes: wp.array, extents: wp.array
 ) -> wp.array:
-    """Colours of N gaussians, shape (N,), vec3.
+    """Colours of N gaussians, shape (N,), vec3, in the precision of the arrays.
 
     Args:
         tape: Records the adjoint.
@@ -138,8 +145,9 @@ def shade(
     """
     device, count = means.device, means.size
     arrays = [means, sh, eyes, extents]
-    colors = wp.zeros(count, dtype=wp.vec3, device=device, requires_grad=True)
-    harmonics.shade(degree, count, arrays, [colors], device=device)
+    colors = wp.zeros(count, dtype=means.dtype, device=device, requires_grad=True)
+    precision = precision_of(means)
+    harmonics.shade(degree, count, arrays, [colors], device=device, precision=precision)
 
     def adjoint() -> None:
         harmonics.shade_adjoint(
@@ -150,10 +158,38 @@ def shade(
             [means.grad, sh.grad, eyes.grad, None],
             [colors.grad],
             device=device,
+            precision=precision,
         )
 
     _record(tape, adjoint, [means, sh, eyes, colors])
     return colors
+
+
+def orient(
+    tape: wp.Tape, means: wp.array, log_scales: wp.array, quaternions: wp.array, poses: wp.array,
+    extents: wp.array,
+) -> wp.array:  # fmt: skip
+    """Normals of N gaussians in camera space, shape (N,), vec3; see `splatting.normals.orient`.
+
+    Args:
+        tape: Records the adjoint, which reaches quaternions and poses.
+        means, log_scales, quaternions, poses: As in `project`.
+        extents: From `project`.
+    """
+    device, count = means.device, means.size
+    arrays = [means, log_scales, quaternions, poses, extents]
+    directions = wp.zeros(count, dtype=means.dtype, device=device, requires_grad=True)
+    precision = precision_of(means)
+    facing.orient(count, arrays, [directions], device=device, precision=precision)
+
+    def adjoint() -> None:
+        facing.orient_adjoint(
+            count, arrays, [directions], [None, None, quaternions.grad, poses.grad, None], [directions.grad],
+            device=device, precision=precision,
+        )  # fmt: skip
+
+    _record(tape, adjoint, [quaternions, poses, directions])
+    return directions
 
 
 def composite(
@@ -201,8 +237,9 @@ def composite(
 
 
 def reproject(
-    tape: wp.Tape, image: wp.array, depth: wp.array, motion: reprojection.Motion
-) -> tuple[wp.array, wp.array, wp.array]:
+    tape: wp.Tape, image: wp.array, depth: wp.array, motion: reprojection.Motion, *,
+    sampling: str = "bilinear",
+) -> tuple[wp.array, wp.array, wp.array]:  # fmt: skip
     """Carry an image along its depth into another camera.
 
     Args:
@@ -210,6 +247,7 @@ def reproject(
         image: RGB of the source, shape (H * W,), 3-vectors of float32 or float64.
         depth: Depth of the source [scene units], shape (H * W,), the same scalar type.
         motion: From source to target.
+        sampling: "bilinear" draws a mesh, "nearest" points.
 
     Returns:
         Image, depth and visibility (bool) in the target, shape (h * w,).
@@ -219,12 +257,12 @@ def reproject(
     far = wp.zeros(pixels, dtype=depth.dtype, device=image.device, requires_grad=True)
     visible = wp.zeros(pixels, dtype=wp.bool, device=image.device)
     outputs = [warped, far, visible]
-    positions, front = reprojection.reproject(image, depth, motion, outputs)
+    positions, front = reprojection.reproject(image, depth, motion, outputs, sampling)
 
     def adjoint() -> None:
         reprojection.reproject_adjoint(
             image, depth, motion, outputs, positions, front, [warped.grad, far.grad],
-            _gradient(image), _gradient(depth),
+            _gradient(image), _gradient(depth), sampling,
         )  # fmt: skip
 
     _record(tape, adjoint, [image, depth, warped, far])
