@@ -1,88 +1,17 @@
 """Blending against the plain float64 renderer, on splats given in the image plane."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from flat_splats import ACCURACIES, NAMES, blended, expected, few, splats, whole
 
 import oracle
 from diga3d_warp.config import Accuracy, Effects
 from diga3d_warp.kernels import blending, compositing, compositing_adjoint
-from diga3d_warp.splatting.composite import Composite, composite
+from diga3d_warp.splatting.composite import composite
 from diga3d_warp.splatting.project import Projection
-
-COUNT = 200
-NAMES = ("centers", "conics", "depths", "opacities", "colors")
-EXACT = replace(Accuracy.EXACT, pixel_order=False)
-ACCURACIES = {"draft": Accuracy.DRAFT, "standard": Accuracy.STANDARD, "exact": EXACT}
-
-
-def splats(
-    width: int, height: int, accuracy: Accuracy = Accuracy.STANDARD
-) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
-    """Splats of all sizes and opacities over an image, and their extents; every ninth is culled."""
-    random = torch.Generator().manual_seed(3)
-
-    def uniform(*shape: int) -> torch.Tensor:
-        return torch.rand(shape, generator=random, dtype=torch.float64)
-
-    axes = torch.exp(2.6 * uniform(COUNT, 2))
-    angle = 6.3 * uniform(COUNT)
-    turn = torch.stack([angle.cos(), -angle.sin(), angle.sin(), angle.cos()], -1).reshape(-1, 2, 2)
-    covariance = turn @ torch.diag_embed(axes**2) @ turn.mT
-    inverse = torch.linalg.inv(covariance)
-    opacities = torch.where(uniform(COUNT) < 0.2, 0.99 + 0.01 * uniform(COUNT), uniform(COUNT))
-    reach = (2 * torch.log((opacities / accuracy.alpha_min).clamp_min(1))).sqrt() * 1.001
-    extents = reach[:, None] * covariance.diagonal(dim1=1, dim2=2).sqrt()
-    extents[::9] = 0.0
-    fields = {
-        "centers": uniform(COUNT, 2) * torch.tensor([width + 20, height + 20]) - 10,
-        "conics": torch.stack([inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 1]], -1),
-        "depths": 1 + 5 * uniform(COUNT),
-        "opacities": opacities,
-        "colors": 1.5 * uniform(COUNT, 3),
-        "normals": torch.nn.functional.normalize(uniform(COUNT, 3) - 0.5, dim=1),
-    }
-    return {name: fields[name].float() for name in (*NAMES, "normals")}, extents.float()
-
-
-def blended(
-    width: int,
-    height: int,
-    device: str = "cpu",
-    accuracy: Accuracy = Accuracy.STANDARD,
-    effects: Effects = Effects(),
-    everything: bool = True,
-) -> tuple[Composite, dict[str, torch.Tensor]]:
-    """An image and the leaves of its gradient; with normals and median depth if `everything`."""
-    fields, extents = splats(width, height, accuracy)
-    leaves = {name: value.to(device).requires_grad_() for name, value in fields.items()}
-    projection = Projection(
-        leaves["centers"], leaves["depths"], leaves["conics"], extents.to(device), leaves["opacities"]
-    )
-    extra = {"normals": leaves["normals"], "median_depth": True} if everything else {}
-    image = composite(
-        projection, leaves["colors"], width, height, accuracy=accuracy, effects=effects, **extra
-    )
-    return image, leaves
-
-
-def expected(
-    width: int, height: int, accuracy: Accuracy = Accuracy.STANDARD
-) -> tuple[list[torch.Tensor], torch.Tensor, dict[str, torch.Tensor]]:
-    """Images in the order of `Composite`, where they are certain, and the leaves."""
-    fields, extents = splats(width, height, accuracy)
-    leaves = {name: value.double().requires_grad_() for name, value in fields.items()}
-    image = oracle.composite(
-        *(leaves[name] for name in NAMES), extents[:, 0] > 0, width, height,
-        alpha_min=accuracy.alpha_min, transmittance_min=accuracy.transmittance_min,
-        extents=extents.double() if accuracy.extent == "circle" else None,
-    )  # fmt: skip
-    normal_sum = image.weights @ leaves["normals"]
-    parts = [image.color, image.depth_sum, image.transmittance, normal_sum, image.median_depth]
-    return parts, image.certain, leaves
 
 
 @pytest.mark.parametrize(
@@ -171,29 +100,6 @@ def test_bits_do_not_depend_on_the_number_of_threads(threads):
         results.append([*found, *(leaf.grad for leaf in leaves.values())])
     for other in results[1:]:
         assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
-
-
-def few(count: int = 7) -> list[torch.Tensor]:
-    """Leaves in float64: broad splats with alphas far from every cut-off, in the order of `whole`."""
-    random = torch.Generator().manual_seed(5)
-
-    def uniform(*shape: int) -> torch.Tensor:
-        return torch.rand(shape, generator=random, dtype=torch.float64)
-
-    conics = torch.tensor([0.02, 0.004, 0.03]).double() * (0.8 + 0.4 * uniform(count, 3))
-    leaves = [6 * uniform(count, 2), conics, 1 + uniform(count), 0.25 + 0.3 * uniform(count)]
-    return [leaf.requires_grad_() for leaf in (*leaves, uniform(count, 3), uniform(count, 3))]
-
-
-def whole(centers, conics, depths, opacities, colors, normals) -> tuple[torch.Tensor, ...]:
-    """All five images of splats without borders, in float64."""
-    projection = Projection(centers, depths, conics, torch.full_like(centers, 50.0), opacities)
-    return tuple(
-        composite(
-            projection, colors, 6, 5, accuracy=replace(EXACT, precision="float64"), normals=normals,
-            median_depth=True,
-        )
-    )  # fmt: skip
 
 
 def test_float64_kernels_pass_gradcheck():

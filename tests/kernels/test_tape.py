@@ -12,7 +12,7 @@ from diga3d_warp.splatting.arrays import warp_array
 from diga3d_warp.splatting.composite import composite
 from diga3d_warp.splatting.normals import orient
 from diga3d_warp.splatting.optics import optics_of
-from diga3d_warp.splatting.project import project
+from diga3d_warp.splatting.project import Projection, project
 from diga3d_warp.splatting.reproject import motion_between, reproject
 from diga3d_warp.splatting.shade import shade
 from diga3d_warp.splatting.ssim import ssim
@@ -242,6 +242,35 @@ def double(values: wp.array(dtype=wp.vec3), doubled: wp.array(dtype=wp.vec3)):
 def total(values: wp.array(dtype=wp.vec3), loss: wp.array(dtype=float)):
     i = wp.tid()
     wp.atomic_add(loss, 0, values[i][0] + values[i][1] + values[i][2])
+
+
+def test_a_pixels_own_order_gives_the_bits_of_torch():
+    """Splats without a projection before them, their slopes of depth among them."""
+    tensors = [
+        WIDTH * random(60, 2, seed=1), 1 + random(60, seed=2),
+        torch.tensor([[0.02, 0.005, 0.03]]).repeat(60, 1), torch.full((60, 2), 20.0),
+        0.1 + 0.8 * random(60, seed=3), random(60, 2, seed=4) - 0.5,
+    ]  # fmt: skip
+    colors = random(60, 3, seed=5)
+    kinds = (wp.vec2, float, wp.vec3, wp.vec2, float, wp.vec2)
+    splats = taped.Splats(*(leaf(tensor, kind) for tensor, kind in zip(tensors, kinds, strict=True)))
+    taped_colors = leaf(colors, wp.vec3)
+    with wp.Tape() as tape:
+        images = taped.composite(
+            tape, splats, taped_colors, WIDTH, HEIGHT, blending=Blending(pixel_order=True)
+        )
+    weights = random(HEIGHT, WIDTH, 3, seed=6)
+    tape.backward(grads={images.color: warp_array(weights.view(-1, 3), wp.vec3)})
+
+    leaves = [tensor.clone().requires_grad_() for tensor in (*tensors, colors)]
+    image = composite(Projection(*leaves[:6]), leaves[6], WIDTH, HEIGHT, effects=Effects(pixel_order=True))
+    (image.color * weights).sum().backward()
+    assert image.transmittance.min() < 0.01
+    assert equal(images.color, image.color)
+    for found, wanted in zip((*splats, taped_colors), leaves, strict=True):
+        if wanted.grad is not None:
+            assert equal(found.grad, wanted.grad)
+    assert leaves[0].grad.abs().max() > 0.01
 
 
 def test_normals_without_a_place_for_them_are_an_error():

@@ -40,6 +40,7 @@ class Blending:
         alpha_min, transmittance_min, exp_degree, precision: As in `config.Accuracy`.
         boxed: A gaussian ends at its box even where its alpha is above `alpha_min`. Without, the box must
             hold every pixel in which alpha reaches `alpha_min`.
+        pixel_order: Each pixel blends by its own depths; see `ordering`.
         depth: Blend depths.
         normals: Blend normals.
         median: Find the depth of the gaussian at which transmittance falls below a half.
@@ -50,6 +51,7 @@ class Blending:
     exp_degree: int = Accuracy.exp_degree
     precision: str = Accuracy.precision
     boxed: bool = False
+    pixel_order: bool = False
     depth: bool = True
     normals: bool = False
     median: bool = False
@@ -71,7 +73,8 @@ class Blending:
         """The kernels that an accuracy, some effects and some outputs need."""
         return cls(
             accuracy.alpha_min, accuracy.transmittance_min, accuracy.exp_degree, accuracy.precision,
-            boxed=accuracy.extent == "circle", depth=effects.depth, normals=normals, median=median,
+            boxed=accuracy.extent == "circle", pixel_order=accuracy.pixel_order or effects.pixel_order,
+            depth=effects.depth, normals=normals, median=median,
         )  # fmt: skip
 
     @property

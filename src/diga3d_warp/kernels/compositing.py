@@ -19,6 +19,7 @@ from functools import cache
 import warp as wp
 
 from diga3d_warp.config import TILE
+from diga3d_warp.kernels import ordering
 from diga3d_warp.kernels.binning import Bins
 from diga3d_warp.kernels.blending import Blending, Lanes, lanes_of, notes_changes, rules
 from diga3d_warp.kernels.launch import OPTIONS, launch
@@ -172,22 +173,26 @@ def composite(
         bins: Pairs of this image.
         width, height: Image size [px].
         splats: centers (N,) vec2, extents (N,) vec2, conics (N,) vec3, opacities (N,), colors (N,) vec3,
-            depths (N,), normals (N,) vec3. Depths and normals may be empty where nothing asks for them.
+            depths (N,), normals (N,) vec3, depth_slopes (N,) vec2. What nothing asks for may be empty:
+            depths, normals, and slopes, which `blending.pixel_order` alone reads.
         outputs: image (H*W,) vec3, depth_sum (H*W,), transmittance (H*W,), normal_sum (H*W,) vec3,
             median_depth (H*W,). What is not asked for is left alone and may be empty.
         blending: What to compile.
 
     Returns:
         What `composite_adjoint` wants to know: blocks that each pair changed, one bit each, shape (P,),
-        int32; empty on CUDA.
+        int32; empty on CUDA and with `pixel_order`.
     """
     device = bins.starts.device
+    if blending.pixel_order:
+        ordering.composite(bins, width, height, splats, outputs, blending)
+        return wp.zeros(0, dtype=int, device=device)
     lanes = lanes_of(device)
     changes = wp.zeros(bins.pair_count if notes_changes(lanes) else 0, dtype=int, device=device)
     launch(
         forward_kernel(blending, lanes),
         bins.columns * bins.rows * (TILE // lanes.region) ** 2,
-        [bins.columns, width, height, bins.starts, bins.gaussians, *splats],
+        [bins.columns, width, height, bins.starts, bins.gaussians, *splats[:7]],
         [*outputs, changes],
         device=device,
         work=100,

@@ -7,29 +7,21 @@ Invariants
 - It walks front to back like the forward pass, and keeps R, the part of the pixel's weighted sum that is
   still behind: R = g.C + T_end g_T at first, then R -= w (c.g). No index of the last gaussian and no division
   by a small T is needed; 1 - alpha is at least 1 - alpha_max.
-- On CPU a pair belongs to one region: its gradient row is written once, or stays zero. Rows of one gaussian
-  are then added in the order of its emissions.
+- On CPU a pair belongs to one region: its gradient row is written once, or stays zero.
 - The median depth is the depth of one gaussian: its gradient goes to that depth alone.
 """
 
 from functools import cache
-from typing import Any
 
 import warp as wp
 
 from diga3d_warp.config import SPLATTING, TILE
+from diga3d_warp.kernels import ordering
 from diga3d_warp.kernels.binning import Bins
 from diga3d_warp.kernels.blending import Blending, Lanes, lanes_of, notes_changes, rules
+from diga3d_warp.kernels.gradient_rows import GEOMETRY, gather, gradient_row
 from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.precision import types_of
-
-GEOMETRY = 6
-"""Numbers of a gradient row before those of the features: centre (2), conic (3), opacity."""
-
-
-def gradient_row(blending: Blending) -> Any:
-    """Gradient of one (tile, gaussian) pair: geometry, features, then the depth's through the median."""
-    return wp.types.vector(GEOMETRY + blending.features + blending.median, blending.real)
 
 
 @wp.func_native("""
@@ -226,52 +218,6 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
     return composite_adjoint
 
 
-@cache
-def gather_kernel(blending: Blending) -> wp.Kernel:
-    """Add the rows of each gaussian's pairs to its gradients."""
-    real = blending.real
-    vec2, vec3, *_ = types_of(real)
-    row_of = gradient_row(blending)
-    depth = GEOMETRY + 3
-    normal = GEOMETRY + blending.normal_at
-    median = GEOMETRY + blending.features
-
-    @wp.kernel(module="unique", module_options=OPTIONS)
-    def gather_gradients(
-        offset: int,
-        order: wp.array(dtype=int),
-        first: wp.array(dtype=int),
-        slots: wp.array(dtype=int),
-        gradients: wp.array(dtype=row_of),
-        # outputs
-        adj_centers: wp.array(dtype=vec2),
-        adj_conics: wp.array(dtype=vec3),
-        adj_opacities: wp.array(dtype=real),
-        adj_colors: wp.array(dtype=vec3),
-        adj_depths: wp.array(dtype=real),
-        adj_normals: wp.array(dtype=vec3),
-    ):
-        k = wp.tid() + offset
-        row = row_of(real(0.0))
-        for emission in range(first[k], first[k + 1]):
-            row = row + gradients[slots[emission]]
-        i = order[k]
-        adj_centers[i] = adj_centers[i] + vec2(row[0], row[1])
-        adj_conics[i] = adj_conics[i] + vec3(row[2], row[3], row[4])
-        adj_opacities[i] = adj_opacities[i] + row[5]
-        adj_colors[i] = adj_colors[i] + vec3(row[6], row[7], row[8])
-        if wp.static(blending.depth):
-            adj_depths[i] = adj_depths[i] + row[wp.static(depth)]
-        if wp.static(blending.median):
-            adj_depths[i] = adj_depths[i] + row[wp.static(median)]
-        if wp.static(blending.normals):
-            adj_normals[i] = adj_normals[i] + vec3(
-                row[wp.static(normal)], row[wp.static(normal + 1)], row[wp.static(normal + 2)]
-            )
-
-    return gather_gradients
-
-
 def composite_adjoint(
     bins: Bins, width: int, height: int, splats: list, outputs: list, changes: wp.array, adj_outputs: list,
     adj_splats: list, blending: Blending,
@@ -285,6 +231,9 @@ def composite_adjoint(
         adj_outputs: Gradients of the outputs.
         adj_splats: Gradients of centers, conics, opacities, colors, depths and normals, added to.
     """
+    if blending.pixel_order:
+        ordering.composite_adjoint(bins, width, height, splats, outputs, adj_outputs, adj_splats, blending)
+        return
     device = bins.starts.device
     lanes = lanes_of(device)
     rows = wp.zeros(bins.pair_count, dtype=gradient_row(blending), device=device)
@@ -297,7 +246,7 @@ def composite_adjoint(
             height,
             bins.starts,
             bins.gaussians,
-            *splats,
+            *splats[:7],
             *outputs[:4],
             changes,
             *adj_outputs,
@@ -307,7 +256,4 @@ def composite_adjoint(
         work=100,
         uneven=True,
     )
-    launch(
-        gather_kernel(blending), bins.order.shape[0], [bins.order, bins.first, bins.slots, rows], adj_splats,
-        device=device, work=2,
-    )  # fmt: skip
+    gather(bins, rows, adj_splats, blending)

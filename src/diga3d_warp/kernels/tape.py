@@ -212,10 +212,14 @@ def composite(
     if blending.normals != (normals is not None):
         raise ValueError("normals are blended if and only if `blending.normals` is on: give both or neither")
     device, real = colors.device, blending.real
-    vec3 = types_of(real).vec3
+    vec2, vec3, *_ = types_of(real)
     normals = wp.zeros(0, dtype=vec3, device=device) if normals is None else normals
     bins = bin_gaussians(splats.centers, splats.depths, splats.extents, width, height)
-    arrays = [splats.centers, splats.extents, splats.conics, splats.opacities, colors, splats.depths, normals]
+    slopes = splats.depth_slopes if blending.pixel_order else wp.zeros(0, dtype=vec2, device=device)
+    arrays = [
+        splats.centers, splats.extents, splats.conics, splats.opacities, colors, splats.depths, normals,
+        slopes,
+    ]  # fmt: skip
     images = Images(*(
         wp.zeros(width * height if asked else 0, dtype=dtype, device=device, requires_grad=True)
         for dtype, asked in (

@@ -55,13 +55,14 @@ def composite(
         projection: N gaussians, from `project`.
         colors: shape (N, 3).
         width, height: Image size [px].
-        accuracy: Cut-offs, polynomial, precision. With "float64", tensors are converted to it.
-        effects: Whether depths are blended.
+        accuracy: Cut-offs, polynomial, precision, order. With "float64", tensors are converted to it.
+        effects: Whether depths are blended, and whether each pixel has its own order.
         normals: Blended too where given, shape (N, 3).
         median_depth: Whether to find the median depth; its gradient goes to the depth of that one gaussian.
 
     Raises:
-        ValueError: a cut-off or a degree that no kernel can be compiled for.
+        ValueError: a cut-off or a degree that no kernel can be compiled for; `projection.depth_slopes` is
+            None where each pixel has its own order.
     """
     blending = Blending.of(accuracy, effects, normals=normals is not None, median=median_depth)
     dtype = getattr(torch, blending.precision)
@@ -73,9 +74,14 @@ def composite(
         )
     )  # fmt: skip
     normals = colors.new_empty((0, 3)) if normals is None else normals.to(dtype)
+    slopes = colors.new_empty((0, 2))
+    if blending.pixel_order:
+        if projection.depth_slopes is None:
+            raise ValueError("per-pixel order needs depth_slopes: project with the same accuracy and effects")
+        slopes = projection.depth_slopes.to(dtype)
     bins = bin_projection(projection, width, height, dtype)
     color, depth_sum, transmittance, normal_sum, median = _Composite.apply(
-        centers, extents, conics, opacities, colors, depths, normals, bins, width, height, blending
+        centers, extents, conics, opacities, colors, depths, normals, slopes, bins, width, height, blending
     )
     return Composite(
         color.view(height, width, 3),
@@ -101,12 +107,12 @@ def bin_projection(projection: Projection, width: int, height: int, dtype: torch
 class _Composite(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx, centers, extents, conics, opacities, colors, depths, normals, bins: Bins, width, height,
+        ctx, centers, extents, conics, opacities, colors, depths, normals, slopes, bins: Bins, width, height,
         blending: Blending,
     ):  # fmt: skip
         splats = tuple(
             tensor.detach().contiguous()
-            for tensor in (centers, extents, conics, opacities, colors, depths, normals)
+            for tensor in (centers, extents, conics, opacities, colors, depths, normals, slopes)
         )
         pixels = height * width
         outputs = (
@@ -123,7 +129,7 @@ class _Composite(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx, *given):
-        splats, outputs = ctx.saved_tensors[:7], ctx.saved_tensors[7:]
+        splats, outputs = ctx.saved_tensors[:8], ctx.saved_tensors[8:]
         bins, width, height, blending = ctx.task
         adj_outputs = [like(grad, output) for grad, output in zip(given, outputs, strict=True)]
         adj_centers, *adj_others = (torch.zeros_like(splats[k]) for k in (0, 2, 3, 4, 5, 6))
@@ -131,7 +137,7 @@ class _Composite(torch.autograd.Function):
             bins, width, height, _arrays(splats), _arrays(outputs), ctx.changes, _arrays(adj_outputs),
             _arrays([adj_centers, *adj_others]), blending,
         )  # fmt: skip
-        return adj_centers, None, *adj_others, None, None, None, None
+        return adj_centers, None, *adj_others, None, None, None, None, None
 
 
 def _arrays(tensors: Sequence[torch.Tensor]) -> list[Any]:
