@@ -137,7 +137,7 @@ def test_the_plan_counts_what_sampling_does():
     plan = plan_sampling(prior, views, guidance, settings, [0, 1])
     probes = len(prior.calls)
     sample_views(prior, views, guidance, settings, references=[0, 1])
-    assert probes == 2 + 2 + 1
+    assert probes == 2 + 5
     estimates = sum(rows for rows, *_ in prior.calls[probes:])
     assert estimates == plan.views * plan.steps * plan.halves
     assert plan.bank_bytes == max(size for *_, size in prior.calls[probes:])

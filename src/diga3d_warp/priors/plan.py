@@ -74,7 +74,7 @@ def plan_sampling(
 ) -> SamplingPlan:
     """Measure one view with its own attention, and one that reads K references.
 
-    Takes K + 3 noise estimates, a small part of any sampling that is worth planning for.
+    Takes K + 5 noise estimates, a small part of any sampling that is worth planning for.
     """
     count = len(references)
     bank = AttentionBank(settings.afp_weight)
@@ -96,13 +96,13 @@ def plan_sampling(
     prior.install_attention(bank)
     try:
         estimate()  # the first allocates, and compiles what has to be compiled
-        own = reading = estimate()
+        own = reading = min(estimate(), estimate())
         for _ in range(count):
             with bank.writing():
                 estimate()
         if count:
             with bank.reading():
-                reading = estimate()
+                reading = min(estimate(), estimate())
     finally:
         prior.install_attention(None)
     halves = 1 if guidance.scale == 1.0 else 2

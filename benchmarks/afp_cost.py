@@ -1,0 +1,170 @@
+"""What attention propagation costs for K = 1, 3, 5 references, and that memory does not grow with the views.
+
+python benchmarks/afp_cost.py --out docs/benchmarks/afp_cost.md
+
+Counted: floating-point operations and the size of the bank in Stable Diffusion 1.5's UNet, without computing.
+Measured: a narrower UNet with random weights, on this machine's cores, with as many tokens as the real one.
+"""
+
+import argparse
+import os
+import platform
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+from diga3d_warp.process import tune_process
+
+tune_process()
+
+import torch  # noqa: E402
+from random_diffusion import CROSS, WIDTH, random_prior, unet_config  # noqa: E402
+
+from diga3d_warp.files import write_text  # noqa: E402
+from diga3d_warp.priors.attention import AttentionBank  # noqa: E402
+from diga3d_warp.priors.guidance import Guidance  # noqa: E402
+from diga3d_warp.priors.plan import plan_sampling  # noqa: E402
+from diga3d_warp.priors.protocol import Conditioning, Prompts  # noqa: E402
+from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, sample_views  # noqa: E402
+from diga3d_warp.priors.stable_diffusion import processor  # noqa: E402
+
+COUNTS = (1, 3, 5)
+SIZES = {"512 x 512": (64, 64), "512 x 904": (64, 113)}
+NARROW = 64
+"""Width of the measured UNet: a fraction of the real one's operations, the same number of tokens."""
+
+VIEWS = (8, 32, 128)
+
+
+def counted(rows: int, columns: int) -> list[tuple[int, float, float]]:
+    """K, operations relative to none, and size of the bank in float16 with guidance [MiB]."""
+    from diffusers import UNet2DConditionModel
+    from torch.utils.flop_counter import FlopCounterMode
+
+    with torch.device("meta"):
+        unet = UNet2DConditionModel(**unet_config(WIDTH, 9)).half()
+        z = torch.empty(1, 9, rows, columns, dtype=torch.half)
+        text = torch.empty(1, 77, CROSS, dtype=torch.half)
+
+    def operations() -> int:
+        with FlopCounterMode(display=False) as counter, torch.no_grad():
+            unet(z, torch.zeros((), device="meta"), encoder_hidden_states=text)
+        return counter.get_total_flops()
+
+    found = []
+    for count in COUNTS:
+        bank = AttentionBank()
+        before = processor.install(unet, bank)
+        plain = operations()
+        for _ in range(count):
+            with bank.writing():
+                operations()
+        with bank.reading():
+            found.append((count, operations() / plain, 2 * bank.size / 2**20))
+        processor.restore(unet, before)
+    return found
+
+
+def measured(repeats: int) -> list[tuple[int, float, float, float]]:
+    """K, seconds of an estimate alone, seconds while reading, and their ratio; each the least of some."""
+    prior = random_prior(NARROW, "cpu")
+    generator = torch.Generator().manual_seed(1)
+    guidance = Guidance(Prompts(*torch.randn(2, 1, 77, CROSS, generator=generator).unbind()))
+    views = _views(6, (64, 64), generator)
+    found = []
+    for count in COUNTS:
+        plans = [
+            plan_sampling(prior, views, guidance, SamplingSettings(), range(count)) for _ in range(repeats)
+        ]
+        own, reading = (min(getattr(p, f"{kind}_seconds") for p in plans) for kind in ("own", "reading"))
+        found.append((count, own, reading, reading / own))
+    return found
+
+
+def peak_of(count: int) -> None:
+    """Print by how much sampling so many views raises the process's peak [MiB], and the bank's size [MiB]."""
+    prior = random_prior(32, "cpu")
+    generator = torch.Generator().manual_seed(1)
+    guidance = Guidance(Prompts(*torch.randn(2, 1, 77, CROSS, generator=generator).unbind()))
+    settings = SamplingSettings(steps=1, batch=4)
+    sample_views(prior, _views(8, (32, 32), generator), guidance, settings, references=range(3))
+    views = _views(count, (32, 32), generator)
+    before = _peak()
+    sample_views(prior, views, guidance, settings, references=range(3))
+    plan = plan_sampling(prior, views, guidance, settings, range(3))
+    print(_peak() - before, plan.bank_bytes / 2**20, plan.host_bytes / 2**20)
+
+
+def _peak() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def _views(count: int, size: tuple[int, int], generator: torch.Generator) -> ViewLatents:
+    z, latent = torch.randn(2, count, 4, *size, generator=generator)
+    mask = torch.ones(count, 1, *size)
+    return ViewLatents(z, Conditioning(latent, mask, torch.cat([mask, latent], 1)))
+
+
+def table(repeats: int) -> str:
+    """All three measurements as Markdown."""
+    lines = ["# What attention propagation costs", "", "`python benchmarks/afp_cost.py`", ""]
+    lines += [
+        "Counted for Stable Diffusion 1.5's inpainting UNet: operations of one noise estimate relative to",
+        "one without propagation, and keys and values of all references in float16, both halves of guidance.",
+        "",
+        "| image | K | operations | bank |",
+        "|---|---:|---:|---:|",
+    ]
+    for name, size in SIZES.items():
+        for count, ratio, bank in counted(*size):
+            lines.append(f"| {name} | {count} | x {ratio:.2f} | {bank:.0f} MiB |")
+    lines += [
+        "",
+        f"Measured on a UNet of width {NARROW} instead of {WIDTH}, random weights, 512 x 512, float32, "
+        f"{torch.get_num_threads()} threads of",
+        f"{_processor()}, least of {repeats}, load average {os.getloadavg()[0]:.0f}. Attention is a larger "
+        "part of a narrower UNet, so its ratio is larger, too.",
+        "",
+        "| K | without | reading | ratio |",
+        "|---:|---:|---:|---:|",
+    ]
+    lines += [
+        f"| {count} | {own:.2f} s | {reading:.2f} s | x {ratio:.2f} |"
+        for count, own, reading, ratio in measured(repeats)
+    ]
+    lines += [
+        "",
+        "Growth of the process's peak memory with the number of views, beyond what 8 views needed: K = 3,",
+        "batches of 4, a small UNet, each in a process of its own. Latents of all views wait on the host.",
+        "",
+        "| views | growth | bank | latents and masks |",
+        "|---:|---:|---:|---:|",
+    ]
+    for count in VIEWS:
+        command = [sys.executable, __file__, "--peak-of", str(count)]
+        grown, bank, host = map(float, subprocess.check_output(command, text=True).split())
+        lines.append(f"| {count} | {grown:.1f} MiB | {bank:.1f} MiB | {host:.1f} MiB |")
+    return "\n".join(lines) + "\n"
+
+
+def _processor() -> str:
+    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+        if line.startswith("model name"):
+            return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--peak-of", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.peak_of:
+        peak_of(options.peak_of)
+    else:
+        text = table(options.repeats)
+        print(text)
+        if options.out is not None:
+            write_text(options.out, text)
