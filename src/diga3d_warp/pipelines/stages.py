@@ -227,7 +227,7 @@ def fill_views(
 
     def compute(folder: Path) -> None:
         fills = fill_references(cameras, backgrounds, depths, references, prior, seed)
-        for view, fill in zip(views, carry(cameras, backgrounds, references, fills), strict=True):
+        for view, fill in zip(views, carry(cameras, backgrounds, depths, references, fills), strict=True):
             write_image(folder / f"{view.name}.png", fill.image)
             np.savez_compressed(
                 folder / f"{view.name}.npz",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.propagation.membrane import membrane
 
 WINDOW = 5
 """Side of the neighbourhood that a depth at the rim must agree with [px]. Single gaussians stick out of a
@@ -33,9 +34,6 @@ def complete_depth(depth: np.ndarray, hole: np.ndarray) -> np.ndarray:
     Raises:
         InputError: no depth is known outside the hole.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.linalg import spsolve
-
     known = np.isfinite(depth) & (depth > 0.0)
     unknown = hole | ~known
     if unknown.all():
@@ -45,34 +43,7 @@ def complete_depth(depth: np.ndarray, hole: np.ndarray) -> np.ndarray:
     inverse = np.full(depth.shape, np.nan)
     inverse[~unknown] = 1.0 / depth[~unknown]
     rim = _without_outliers(inverse)
-    height, width = depth.shape
-    index = np.full(depth.shape, -1, np.int64)
-    index[unknown] = np.arange(unknown.sum())
-    rows, columns = np.nonzero(unknown)
-    degree = np.zeros(len(rows))
-    known_sum = np.zeros(len(rows))
-    entries: list[tuple[np.ndarray, np.ndarray]] = []
-    for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-        y, x = rows + dy, columns + dx
-        inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
-        y, x = np.where(inside, y, 0), np.where(inside, x, 0)
-        degree += inside
-        neighbour = index[y, x]
-        at_rim = inside & (neighbour < 0)
-        known_sum += np.where(at_rim, rim[y, x], 0.0)
-        joined = inside & (neighbour >= 0)
-        entries.append((np.flatnonzero(joined), neighbour[joined]))
-    i = np.concatenate([pair[0] for pair in entries])
-    j = np.concatenate([pair[1] for pair in entries])
-    diagonal = np.arange(len(rows))
-    matrix = coo_matrix(
-        (
-            np.concatenate([degree, -np.ones(len(i))]),
-            (np.concatenate([diagonal, i]), np.concatenate([diagonal, j])),
-        ),
-        shape=(len(rows), len(rows)),
-    ).tocsc()
-    solution = spsolve(matrix, known_sum)
+    solution = membrane(rim[..., None], ~unknown, unknown)[:, 0]
     nearest, farthest = float(inverse[~unknown].max()), float(inverse[~unknown].min())
     completed = depth.astype(np.float32).copy()
     completed[unknown] = 1.0 / np.clip(solution, farthest, nearest)

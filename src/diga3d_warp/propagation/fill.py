@@ -16,6 +16,7 @@ import torch
 from diga3d_warp.priors.protocol import Prior
 from diga3d_warp.propagation.layers import complete_layers, near_layer, surroundings
 from diga3d_warp.propagation.references import References
+from diga3d_warp.propagation.tone import rim_of, tone_between
 from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.reproject import reproject
@@ -59,8 +60,8 @@ def fill_references(
         seed: Of the prior.
     """
     fills: list[Fill] = []
-    for rank, index in enumerate(references.indices):
-        earlier = [(fills[k], cameras[references.indices[k]]) for k in range(rank)]
+    for index in references.indices:
+        earlier = _sources(fills, cameras, depths, references)
         known = _take(backgrounds[index], cameras[index], earlier)
         invented = known.missing
         image, depth = invent(
@@ -115,17 +116,20 @@ def _filled(image: np.ndarray, mask: np.ndarray, depth: np.ndarray, prior: Prior
 def carry(
     cameras: Sequence[Camera],
     backgrounds: Sequence[Background],
+    depths: Sequence[np.ndarray],
     references: References,
     fills: Sequence[Fill],
 ) -> list[Fill]:
-    """The fill of every view: that of its cluster's reference, then those of the others.
+    """The fill of every view: that of its cluster's reference, then those of the others, in the view's light.
 
     Args:
         cameras: One per view.
         backgrounds: One per view.
+        depths: z of the splat without the object, one per view, shape (H, W); 0 where it shows nothing.
         references: References and clusters.
         fills: Of the references, in their order.
     """
+    sources = _sources(fills, cameras, depths, references)
     carried = []
     for i, (camera, background) in enumerate(zip(cameras, backgrounds, strict=True)):
         if i in references.indices:
@@ -133,23 +137,50 @@ def carry(
             continue
         own = int(references.cluster[i])
         order = [own] + [k for k in range(len(fills)) if k != own]
-        sources = [(fills[k], cameras[references.indices[k]]) for k in order]
-        carried.append(_take(background, camera, sources))
+        carried.append(_take(background, camera, [sources[k] for k in order]))
     return carried
 
 
-def _take(background: Background, camera: Camera, sources: Sequence[tuple[Fill, Camera]]) -> Fill:
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """A filled reference that other views take from.
+
+    Attributes:
+        fill: What it shows.
+        rim: z of the known surface around the fill [scene units], shape (H, W); 0 elsewhere.
+        camera: Where it is seen from.
+    """
+
+    fill: Fill
+    rim: np.ndarray
+    camera: Camera
+
+
+def _sources(
+    fills: Sequence[Fill], cameras: Sequence[Camera], depths: Sequence[np.ndarray], references: References
+) -> list[_Source]:
+    sources = []
+    for fill, index in zip(fills, references.indices, strict=False):
+        rim = np.where(rim_of(fill.filled), depths[index], 0.0).astype(np.float32)
+        sources.append(_Source(fill, rim, cameras[index]))
+    return sources
+
+
+def _take(background: Background, camera: Camera, sources: Sequence[_Source]) -> Fill:
     """What the sources' fills show in the unseen part of a view, the first source first."""
     image = background.image.astype(np.float32).copy()
     depth = np.zeros(image.shape[:2], np.float32)
     missing = background.unseen.copy()
-    for source, source_camera in sources:
+    for source in sources:
         if not missing.any():
             break
-        shown = torch.from_numpy(source.image), torch.from_numpy(source.depth)
-        warp = reproject(*shown, source_camera, camera)
+        colors = torch.from_numpy(source.fill.image)
+        warp = reproject(colors, torch.from_numpy(source.fill.depth), source.camera, camera)
+        around = reproject(colors, torch.from_numpy(source.rim), source.camera, camera)
         taken = missing & warp.visible.numpy()
-        image[taken] = warp.image.numpy()[taken]
+        rim = around.visible.numpy() & ~background.unseen
+        tone = tone_between(background.image, around.image.numpy(), rim, taken)
+        image[taken] = np.clip(warp.image.numpy() + tone, 0.0, 1.0)[taken]
         depth[taken] = warp.depth.numpy()[taken]
         missing &= ~taken
     return Fill(image, depth, background.unseen & ~missing, np.zeros_like(missing), missing)
