@@ -34,8 +34,6 @@ class Splatting:
             hold all-zero quaternions; normalising one gives 0/0. gsplat: 1e-8.
         variance_max: Largest variance of a projected gaussian [px^2]. Above it a splat is flat over any
             image and its determinant leaves the range of float32. brush: 1e18 on entries.
-        determinant_min: Smallest determinant of a projected covariance [px^4]. The low-pass bounds it by
-            0.09, so only broken input falls below; the adjoint divides by its square.
         coordinate_max: Coordinates of means, quaternions and cameras that are not below this are broken input
             [scene units]; their squares still fit into float32. NaN and infinity fail the same comparison.
         log_scale_max: Logarithms of scales beyond this, up or down, are broken input: e^40 = 2e17.
@@ -57,7 +55,6 @@ class Splatting:
     transmittance_min: float = 1e-4
     quaternion_min: float = 1e-8
     variance_max: float = 1e12
-    determinant_min: float = 1e-6
     coordinate_max: float = 1e15
     log_scale_max: float = 40.0
     logit_min: float = -80.0

@@ -6,10 +6,13 @@ import pytest
 import torch
 
 import oracle
+from diga3d_warp.config import Accuracy
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.splatting.composite import composite
+from diga3d_warp.splatting.project import project
 from diga3d_warp.splatting.render import Rendering, render
-from scenes import random_gaussians
+from scenes import random_gaussians, single
 
 AHEAD = Camera(40, 30, 35.0, 35.0, 20.0, 15.0, torch.eye(4))
 BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
@@ -77,6 +80,43 @@ def test_many_opaque_layers_leave_a_true_remainder():
     count = 200
     out, _ = rendered(stack([0.02] * count, [[0.5] * 3] * count, [2 + 0.01 * k for k in range(count)], WALL))
     torch.testing.assert_close(1 - out.alpha, torch.full((30, 40), 0.98**count), rtol=2e-4, atol=0)
+
+
+def test_a_nearly_finished_pixel_keeps_the_digits_of_its_transmittance():
+    """Layers of 0.98 and 0.99 leave 2e-4; taken as 1 - alpha, float32 would be off by 1e-4 of it."""
+    gaussians = stack([0.98, 0.999], [[0.5] * 3] * 2, [2.0, 3.0], WALL + 2.0)
+    projection = project(*(tensor for name, tensor in gaussians.named() if name != "sh"), AHEAD)
+    left = composite(projection, torch.ones(2, 3), 40, 30).transmittance.double()
+    alphas = projection.opacities.clamp_max(0.99).double()
+    expected = ((1 - alphas[0]) * (1 - alphas[1])).expand(30, 40)
+    torch.testing.assert_close(left, expected, rtol=3e-5, atol=0)
+
+
+@pytest.mark.parametrize("logit,alpha_min", [(0.0, 0.5), (-2.0, 0.25), (2.0, 0.5)])
+def test_an_opacity_of_just_the_skip_has_a_gradient(logit, alpha_min):
+    """At alpha_min the box has no size, and the root of its logarithm an infinite slope."""
+    gaussians = single(means=[0.0, 0.0, 2.0], opacity_logits=logit)
+    leaves = gaussians.detached().requires_grad_()
+    out = render(leaves, AHEAD, accuracy=Accuracy(alpha_min=alpha_min))
+    (out.color.sum() + out.projection.opacities.sum()).backward()
+    assert bool(out.projection.extents.any()) == (torch.sigmoid(torch.tensor(logit)) >= alpha_min)
+    assert all(leaf.grad is None or leaf.grad.isfinite().all() for _, leaf in leaves.named())
+
+
+@pytest.mark.parametrize("angle", [0.3, 0.785, 1.2])
+def test_a_long_needle_does_not_flash_where_its_exponent_cancels(angle):
+    """400 px from its middle the terms of the exponent are 1e5 and their sum is 0: rounding may leave it
+    positive, where a polynomial for exp would grow without bound."""
+    camera = Camera(800, 600, 600.0, 600.0, 400.0, 300.0, torch.eye(4))
+    needle = single(
+        means=[0.0, 0.0, 2.0],
+        log_scales=[3.0, -12.0, -12.0],
+        quaternions=[math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)],
+        opacity_logits=0.0,
+    )
+    out = render(needle, camera)
+    assert (out.alpha > 0.1).sum() > 500
+    assert out.alpha.max() < 0.5001
 
 
 @pytest.mark.parametrize("opacity,drawn", [(0.0, False), (0.0039, False), (0.00393, True), (0.02, True)])

@@ -8,7 +8,7 @@ import torch
 import oracle
 from diga3d_warp.config import SPLATTING
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.camera import Camera, Distortion
 from diga3d_warp.splatting.project import project
 from diga3d_warp.splatting.render import Rendering, render
 from diga3d_warp.splatting.shade import shade
@@ -122,6 +122,13 @@ def test_the_length_of_a_quaternion_does_not_matter(length):
         scaled[1].quaternions.grad * length, unit[1].quaternions.grad, rtol=1e-3, atol=1e-3
     )
     assert unit[1].quaternions.grad.abs().max() > 0.1
+
+
+def test_a_lens_that_reaches_no_pixel_shows_nothing():
+    lens = Distortion("brown", (-0.4, 0.0, 0.0, 0.0))  # maps to 0.61 focal lengths at most
+    camera = Camera(8, 6, 35.0, 35.0, 100.0, 3.0, torch.eye(4), lens)
+    out, leaves = rendered(single(means=[0.0, 0.0, 2.0]), camera)
+    assert not out.alpha.any() and not leaves.means.grad.any()
 
 
 def test_poses_far_from_the_origin_project_alike():

@@ -110,7 +110,7 @@ def projection_kernel(kind: Projecting) -> wp.Kernel:
     circle_floor = real(0.1)  # under the root of 3DGS's larger eigenvalue [px^4]
     near, coordinate_max, log_scale_max = real(_S.near), real(_S.coordinate_max), real(_S.log_scale_max)
     logit_min, quaternion_min = real(_S.logit_min), real(_S.quaternion_min)
-    variance_max, determinant_min = real(_S.variance_max), real(_S.determinant_min)
+    variance_max = real(_S.variance_max)
 
     @wp.kernel(module="unique", module_options=DIFFERENTIABLE)
     def project(
@@ -214,8 +214,6 @@ def projection_kernel(kind: Projecting) -> wp.Kernel:
             mixed = wp.outer(a, b_even) - wp.outer(b, a_even)
             area += wp.dot(n_even, n_even) + wp.ddot(mixed, mixed)
         det = area + low_pass * (aa + bb) + low_pass * low_pass
-        if not (det >= determinant_min):
-            return
         inv_det = one / det
         var_x = aa + low_pass
         var_y = bb + low_pass
