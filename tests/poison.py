@@ -73,11 +73,17 @@ def check(
         assert part.isfinite().all(), name
         assert not part[culled].any(), name
     farthest = out.projection.depths.max() if len(culled) else torch.zeros(())
-    assert out.depth.min() >= 0 and out.depth.max() <= 1.001 * farthest
+    rounding = 1.0 + 1e-6 / accuracy.alpha_min  # of an alpha that is 1 - transmittance
+    assert out.depth.min() >= 0 and out.depth.max() <= rounding * farthest
+    if out.normals is not None:
+        assert out.normals.norm(dim=2).max() <= rounding
+    if out.median_depth is not None:
+        seen = torch.cat([torch.zeros(1), out.projection.depths])
+        assert torch.isin(out.median_depth, seen).all()
     if not effects.depth:
         assert not out.depth.any()
-    faint = 0.99 * min(accuracy.alpha_min, SPLATTING.alpha_min)
-    untouched = culled | (strongest_alpha(out.projection, *out.alpha.shape) < faint)
+    faint = strongest_alpha(out.projection, *out.alpha.shape) < 0.99 * accuracy.alpha_min
+    untouched = culled | faint
     for name, leaf in leaves.items():
         if leaf.grad is None:
             assert name in SHARED, name

@@ -120,6 +120,14 @@ def test_no_cracks_where_the_target_is_magnified(scale):
     assert (out.image[:, 1:, 0] >= out.image[:, :-1, 0]).all()
 
 
+@pytest.mark.parametrize("scale,seen", [(15.0, True), (17.0, False)])
+def test_a_triangle_that_is_stretched_too_far_covers_nothing(scale, seen):
+    """Sixteen pixels of the target between two of the source: more would be invented."""
+    out, adj_image, _ = carried(WALL, camera(0.013, 0.007, scale=scale))
+    assert bool(out.visible.all()) == seen and bool(out.visible.any()) == seen
+    assert bool(adj_image.any()) == seen
+
+
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (9, 1)])
 def test_a_source_of_one_row_has_no_surface(size):
     height, width = size
