@@ -108,6 +108,7 @@ def parser() -> argparse.ArgumentParser:
         "diga3d remove captures/statue --out run/statue --masks captures/statue/masks",
     )
     _add_run_options(remove)
+    _add_mask_boxes(remove)
     remove.add_argument(
         "--prior",
         choices=["exemplar", "classical"],
@@ -123,6 +124,7 @@ def parser() -> argparse.ArgumentParser:
         'diga3d retexture captures/bear --prompt "white marble" --out run/bear',
     )
     _add_run_options(retexture)
+    _add_mask_boxes(retexture)
     retexture.add_argument(
         "--prompt", required=True, metavar="TEXT", help="the material; a word of the built-in vocabulary"
     )
@@ -245,6 +247,18 @@ def _add_run_options(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--seed", type=_seed, default=0, metavar="N", help="(default 0)")
     command.add_argument("--resume", action="store_true", help="go on with an interrupted run")
+
+
+def _add_mask_boxes(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--mask-box",
+        dest="mask_boxes",
+        nargs=5,
+        action="append",
+        default=[],
+        metavar=("VIEW", "X0", "Y0", "X1", "Y1"),
+        help="a box [px] around the object in one view, in place of masks; up to three, from other sides",
+    )
 
 
 def _add_reference_options(command: argparse.ArgumentParser) -> None:

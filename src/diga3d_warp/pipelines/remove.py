@@ -11,15 +11,16 @@ refit        the hole fitted to the filled views, with colour and depth
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.pipelines import stages
+from diga3d_warp.perception.boxes import Box, read_boxes
+from diga3d_warp.pipelines import boxing, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.classical import ClassicalPrior
@@ -99,6 +100,7 @@ def remove(
     settings: RemoveSettings | None = None,
     *,
     prior: Prior | None = None,
+    boxes: Sequence[Box] = (),
     seed: int = 0,
 ) -> RemoveResult:
     """Remove the masked object.
@@ -108,16 +110,19 @@ def remove(
         run: Where stages and results go; finished stages of an interrupted run are taken up.
         settings: How.
         prior: What invents the part that no view saw; `ExemplarPrior` if None.
+        boxes: Boxes around the object in up to three views, in place of masks.
         seed: Same scene, settings and seed: same bytes.
 
     Raises:
         InputError: no view has a mask, the masks lift to nothing, or there are fewer views than references.
     """
+    scene = boxing.boxed(scene, boxes)
     settings = settings or RemoveSettings()
     prior = prior or ExemplarPrior()
     check_removal(scene, settings)
     stages.begin(run, scene)
     source = stages.fit_source(run, scene, settings.fit, seed)
+    scene = boxing.carry_masks(run, scene, source, boxes, settings.lift)
     rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
     cleared = stages.clear_object(run, views, source, rows, settings.lift)
     backgrounds, depths = stages.look_behind(run, cleared)
@@ -130,29 +135,32 @@ def remove(
 
 
 def remove_command(
-    scene: Path, out: Path, masks: Path | None, image_scale: float, iterations: int | None, hold_out: int,
-    seed: int, resume: bool, prior: str, references: int, selection: str,
+    scene: Path, out: Path, masks: Path | None, mask_boxes: Sequence[Sequence[str]], image_scale: float,
+    iterations: int | None, hold_out: int, seed: int, resume: bool, prior: str, references: int,
+    selection: str,
 ) -> Run:  # fmt: skip
     """`diga3d remove`: read the capture, remove the object, measure, and leave a run folder.
 
     Raises:
         InputError: the input or the run folder is not usable.
     """
+    boxes = read_boxes(mask_boxes, masks)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     settings = replace(
         RemoveSettings(), fit=fit_settings(capture, iterations), references=references, selection=selection
     )
-    check_removal(capture, settings)
+    check_removal(boxing.boxed(capture, boxes), settings)
     run = Run(
         out,
         "remove",
         {
-            "scene": scene, "masks": masks, "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
+            "scene": scene, "masks": masks, "mask_boxes": [astuple(box) for box in boxes],
+            "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
             "iterations": settings.fit.iterations, "prior": prior, "references": references,
             "selection": selection,
         },
         resume=resume,
     )  # fmt: skip
-    remove(capture, run, settings, prior=PRIORS[prior](), seed=seed)
+    remove(capture, run, settings, prior=PRIORS[prior](), boxes=boxes, seed=seed)
     conclude(run, capture)
     return run

@@ -10,7 +10,8 @@ refit        the object's gaussians, cut finer, fitted to the repainted views
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 
 from diga3d_warp.gaussians.density import DensitySettings
@@ -20,7 +21,8 @@ from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.materials.vocabulary import material_of
 from diga3d_warp.objects.repaint import MaterialRepainter, Repainter
-from diga3d_warp.pipelines import recolouring, stages
+from diga3d_warp.perception.boxes import Box, read_boxes
+from diga3d_warp.pipelines import boxing, recolouring, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.propagation.references import check_reference_count
@@ -97,6 +99,7 @@ def retexture(
     settings: RetextureSettings | None = None,
     *,
     repainter: Repainter | None = None,
+    boxes: Sequence[Box] = (),
     seed: int = 0,
 ) -> RetextureResult:
     """Give the masked object the material that a prompt names.
@@ -107,17 +110,20 @@ def retexture(
         run: Where stages and results go; finished stages of an interrupted run are taken up.
         settings: How.
         repainter: What makes the new look; the built-in materials if None.
+        boxes: Boxes around the object in up to three views, in place of masks.
         seed: Same scene, prompt, settings and seed: same bytes.
 
     Raises:
         InputError: no view has a mask, the masks lift to nothing, there are fewer views than references, or
             the prompt names no built-in material.
     """
+    scene = boxing.boxed(scene, boxes)
     settings = settings or RetextureSettings()
     repainter = repainter or MaterialRepainter(material_of(prompt))
     check_retexture(scene, settings)
     stages.begin(run, scene)
     source = stages.fit_source(run, scene, settings.fit, seed)
+    scene = boxing.carry_masks(run, scene, source, boxes, settings.lift)
     rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
     sights = recolouring.look_at_object(run, views, source, rows)
     references = stages.choose_references(run, views, settings.references, settings.selection, seed)
@@ -131,8 +137,9 @@ def retexture(
 
 
 def retexture_command(
-    scene: Path, prompt: str, out: Path, masks: Path | None, image_scale: float, iterations: int | None,
-    hold_out: int, seed: int, resume: bool, references: int, selection: str,
+    scene: Path, prompt: str, out: Path, masks: Path | None, mask_boxes: Sequence[Sequence[str]],
+    image_scale: float, iterations: int | None, hold_out: int, seed: int, resume: bool, references: int,
+    selection: str,
 ) -> Run:  # fmt: skip
     """`diga3d retexture`: read the capture, change the object's material, measure, leave a run folder.
 
@@ -140,21 +147,23 @@ def retexture_command(
         InputError: the input or the run folder is not usable.
     """
     repainter = MaterialRepainter(material_of(prompt))
+    boxes = read_boxes(mask_boxes, masks)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     settings = replace(
         RetextureSettings(), fit=fit_settings(capture, iterations), references=references, selection=selection
     )
-    check_retexture(capture, settings)
+    check_retexture(boxing.boxed(capture, boxes), settings)
     run = Run(
         out,
         "retexture",
         {
-            "scene": scene, "prompt": prompt, "masks": masks, "image_scale": image_scale,
+            "scene": scene, "prompt": prompt, "masks": masks, "mask_boxes": [astuple(box) for box in boxes],
+            "image_scale": image_scale,
             "hold_out": hold_out, "seed": seed, "iterations": settings.fit.iterations,
             "references": references, "selection": selection,
         },
         resume=resume,
     )  # fmt: skip
-    retexture(capture, prompt, run, settings, repainter=repainter, seed=seed)
+    retexture(capture, prompt, run, settings, repainter=repainter, boxes=boxes, seed=seed)
     conclude(run, capture)
     return run

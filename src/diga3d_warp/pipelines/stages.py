@@ -131,7 +131,7 @@ def lift_object(
     masked = masked_views(scene)
 
     def compute(folder: Path) -> None:
-        votes = vote(source, [view.camera for view in masked], [_mask(view) for view in masked])
+        votes = vote(source, [view.camera for view in masked], [mask_of(view) for view in masked])
         rows = object_rows(votes, settings)
         if not rows.any():
             raise InputError(f"{scene.path}: the masks lift to no gaussian; do they belong to these images?")
@@ -143,7 +143,7 @@ def lift_object(
         np.save(folder / "object.npy", rows.numpy())
 
     folder = run.stage(LIFT, compute)
-    views = [view.with_mask(_read_mask(folder / "masks" / f"{view.name}.png")) for view in scene.views]
+    views = [view.with_mask(read_mask(folder / "masks" / f"{view.name}.png")) for view in scene.views]
     return torch.from_numpy(np.load(folder / "object.npy")), views
 
 
@@ -162,7 +162,7 @@ def clear_object(
 
     def compute(folder: Path) -> None:
         left = source.select(~rows)
-        near = vote(left, [view.camera for view in views], [_mask(view) for view in views])
+        near = vote(left, [view.camera for view in views], [mask_of(view) for view in views])
         left.save_ply(folder / GAUSSIANS)
         np.save(folder / "free.npy", (near.share > settings.free_share).numpy())
         write_json(folder / "counts.json", {"object": int(rows.sum()), "left": int((~rows).sum())})
@@ -191,9 +191,9 @@ def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.n
     folder = run.stage("look-behind", compute)
     backgrounds, depths = [], []
     for view in cleared.views:
-        unseen = _read_mask(folder / f"{view.name}.unseen.png")
+        unseen = read_mask(folder / f"{view.name}.unseen.png")
         image = read_picture(folder / f"{view.name}.png")
-        backgrounds.append(Background(unseen, image, _mask(view) & ~unseen))
+        backgrounds.append(Background(unseen, image, mask_of(view) & ~unseen))
         depths.append(np.load(folder / f"{view.name}.depth.npy"))
     return backgrounds, depths
 
@@ -335,7 +335,8 @@ def keep_fit(folder: Path, result: FitResult) -> None:
     (folder / "checkpoint.pt").unlink(missing_ok=True)
 
 
-def _mask(view: View) -> np.ndarray:
+def mask_of(view: View) -> np.ndarray:
+    """The mask of a view that has one, shape (H, W), bool."""
     assert view.mask is not None
     return view.mask
 
@@ -347,7 +348,8 @@ def read_picture(path: Path) -> np.ndarray:
     return _decoded(path, cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)).astype(np.float32) / 255.0
 
 
-def _read_mask(path: Path) -> np.ndarray:
+def read_mask(path: Path) -> np.ndarray:
+    """A stage's mask, shape (H, W), bool."""
     import cv2
 
     return _decoded(path, cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)) > 127

@@ -1,0 +1,191 @@
+"""Masks from one to three boxes: cut out of their views, lifted to 3D, and carried to all views."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.files import write_image
+from diga3d_warp.gaussians.lift import LiftSettings, object_mask, vote
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.perception.boxes import Box, cut_along, cut_out, find_boxed
+from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.scene.scene import Scene, View
+
+SHEET = "mask_sheet.png"
+
+TINT = (255, 64, 160)
+"""Colour of a mask on the sheet, RGB: rare in photographs."""
+
+
+@dataclass(frozen=True)
+class BoxSettings:
+    """How the masks of a few views become those of all.
+
+    Attributes:
+        grid: Cells across the object in which gaussians count as joined: what hangs together is the object.
+        part: Smallest other group that belongs to it, too [share of the largest].
+        depth: How far behind what the boxed views see the object may go on [object sizes], within the
+            outline that they give it.
+        sure: How far inside its outline a view's pixels surely show the object [image diagonals].
+        reach: How far outside of it they may [image diagonals].
+        tile: Height of a picture on the overlay sheet [px].
+        columns: Pictures side by side on it.
+    """
+
+    grid: int = 24
+    part: float = 0.2
+    depth: float = 0.35
+    sure: float = 0.012
+    reach: float = 0.02
+    tile: int = 180
+    columns: int = 6
+
+
+def boxed(scene: Scene, boxes: Sequence[Box]) -> Scene:
+    """The scene with masks in the boxed views only, cut out by colour; as it is if there is no box.
+
+    Raises:
+        InputError: a box is not usable; see `perception.boxes`.
+    """
+    if not boxes:
+        return scene
+    found = find_boxed(boxes, scene)
+
+    def cut(view: View) -> View:
+        return view.with_mask(cut_out(view, found[view.name]) if view.name in found else None)
+
+    return replace(
+        scene, views=[cut(view) for view in scene.views], test_views=[cut(view) for view in scene.test_views]
+    )
+
+
+def carry_masks(run: Run, scene: Scene, source: Gaussians, boxes: Sequence[Box], lift: LiftSettings) -> Scene:
+    """Masks for all views from those of the boxed ones; the scene as it is if there is no box.
+
+    The gaussians that the boxed views show the object by give every other view a rough mask, whose edge
+    GrabCut then lays along the colours. A sheet of all masks goes into the run folder.
+
+    Raises:
+        InputError: the masks lift to no gaussian.
+    """
+    if not boxes:
+        return scene
+    views = [*scene.views, *scene.test_views]
+    settings = BoxSettings()
+
+    def compute(folder: Path) -> None:
+        known = [view for view in views if view.mask is not None]
+        seeds, candidates = object_seeds(source, known, lift, settings)
+        if not seeds.any():
+            raise InputError(
+                f"{scene.path}: the mask boxes lift to no gaussian; draw them around what the splat shows"
+            )
+        masks = []
+        for view in views:
+            mask = view.mask
+            if mask is None:
+                mask = _carried(source, view, seeds, candidates, lift, settings)
+            write_image(folder / f"{view.name}.png", mask)
+            masks.append(mask)
+        write_image(folder / SHEET, overlay_sheet(views, masks, settings))
+
+    folder = run.stage("boxes", compute)
+    run.publish(folder / SHEET, SHEET)
+
+    def read(view: View) -> View:
+        return view.with_mask(stages.read_mask(folder / f"{view.name}.png"))
+
+    return replace(
+        scene, views=[read(view) for view in scene.views], test_views=[read(v) for v in scene.test_views]
+    )
+
+
+def object_seeds(
+    source: Gaussians, known: Sequence[View], lift: LiftSettings, settings: BoxSettings
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Gaussians that the masked views show to be the object, and those that may be, both shape (N,), bool."""
+    from scipy.ndimage import label
+    from scipy.spatial import cKDTree
+
+    votes = vote(source, [view.camera for view in known], [stages.mask_of(view) for view in known])
+    seen = votes.total > lift.faint
+    rows = (seen & (votes.share > lift.share)).numpy()
+    if not rows.any():
+        return torch.from_numpy(rows), torch.from_numpy(rows)
+    means = source.means.numpy().astype(np.float64)
+    weight = votes.masked.numpy()
+    low, high = _bounds(means[rows], weight[rows])
+    size = float((high - low).max())
+    cell = np.floor((means[rows] - low) / max(size / settings.grid, 1e-9)).astype(int)
+    near = ((cell > -settings.grid) & (cell < 2 * settings.grid)).all(axis=1)
+    filled = np.zeros((3 * settings.grid,) * 3, bool)
+    place = tuple((cell[near] + settings.grid).T)
+    filled[place] = True
+    group = label(filled, np.ones((3, 3, 3)))[0][place]
+    size_of = np.bincount(group, weight[rows][near])
+    kept = size_of >= settings.part * size_of.max()
+    seeds = rows.copy()
+    seeds[rows] = False
+    seeds[np.flatnonzero(rows)[near][kept[group]]] = True
+    low, high = _bounds(means[seeds], weight[seeds])
+    reach = settings.depth * float((high - low).max())
+    distance = cKDTree(means[seeds]).query(means, distance_upper_bound=reach)[0]
+    hull = ((votes.visible > 0) & (votes.inside >= lift.hull * votes.visible) & ~seen).numpy()
+    return torch.from_numpy(seeds), torch.from_numpy(seeds | (hull & np.isfinite(distance)))
+
+
+def _bounds(points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the box that holds all but 4 % of the weight of points (P, 3) along each axis."""
+    low, high = np.empty(3), np.empty(3)
+    for axis in range(3):
+        order = np.argsort(points[:, axis])
+        share = np.cumsum(weight[order]) / max(float(weight.sum()), 1e-12)
+        low[axis], high[axis] = np.interp([0.02, 0.98], share, points[order, axis])
+    return low, high
+
+
+def _carried(
+    source: Gaussians, view: View, seeds: torch.Tensor, candidates: torch.Tensor, lift: LiftSettings,
+    settings: BoxSettings,
+) -> np.ndarray:  # fmt: skip
+    """The mask of a view without a box."""
+    import cv2
+
+    diagonal = float(np.hypot(*view.pixels.shape[:2]))
+    likely = object_mask(source, view.camera, candidates, lift)
+    inner = max(1, round(settings.sure * diagonal))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * inner + 1, 2 * inner + 1))
+    shown = object_mask(source, view.camera, seeds, lift).astype(np.uint8)
+    surely = (cv2.erode(shown, disc) > 0) & likely
+    return cut_along(view.pixels, surely, likely, max(2, round(settings.reach * diagonal)))
+
+
+def overlay_sheet(views: Sequence[View], masks: Sequence[np.ndarray], settings: BoxSettings) -> np.ndarray:
+    """All views with their masks tinted and outlined, side by side, shape (H, W, 3), uint8."""
+    import cv2
+
+    tiles = []
+    for view, mask in zip(views, masks, strict=True):
+        height, width = mask.shape
+        size = (max(1, round(width * settings.tile / height)), settings.tile)
+        tile = cv2.resize(view.pixels, size, interpolation=cv2.INTER_AREA)
+        inside = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+        tile[inside > 0] = 0.6 * tile[inside > 0] + 0.4 * np.array(TINT)
+        outline = cv2.findContours(inside, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+        cv2.drawContours(tile, outline, -1, (255, 255, 255), 1)
+        for colour, thick in (((0, 0, 0), 3), ((255, 255, 255), 1)):
+            place, font = (4, 14), cv2.FONT_HERSHEY_SIMPLEX
+            cv2.putText(tile, view.name, place, font, 0.42, colour, thick, cv2.LINE_AA)
+        tiles.append(tile)
+    widest = max(tile.shape[1] for tile in tiles)
+    tiles = [cv2.copyMakeBorder(t, 2, 2, 2, widest - t.shape[1] + 2, cv2.BORDER_CONSTANT) for t in tiles]
+    tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % settings.columns)
+    starts = range(0, len(tiles), settings.columns)
+    return np.concatenate([np.concatenate(tiles[i : i + settings.columns], 1) for i in starts])
