@@ -7,6 +7,7 @@ import warp as wp
 
 from diga3d_warp.kernels import (
     adam,
+    attribution,
     binning,
     blending,
     cameras,
@@ -43,6 +44,11 @@ KERNELS = {
     "ordered_full": lambda: ordering.ordered_kernel(FULL),
     "ordered_adjoint": lambda: ordering.ordered_adjoint_kernel(PLAIN, 1),
     "ordered_adjoint_full": lambda: ordering.ordered_adjoint_kernel(FULL, 1),
+    "attribute": lambda: attribution.attribution_kernel(PLAIN, CUDA, 3, True),
+    "attribute_full": lambda: attribution.attribution_kernel(FULL, CUDA, 1, False),
+    "attribute_ordered": lambda: attribution.ordered_attribution_kernel(PLAIN, 1, 3, True),
+    "attribute_ordered_full": lambda: attribution.ordered_attribution_kernel(FULL, 1, 0, True),
+    "add_shares": lambda: attribution.share_kernel(PLAIN),
     "gather_gradients": lambda: gradient_rows.gather_kernel(PLAIN),
     "gather_gradients_full": lambda: gradient_rows.gather_kernel(FULL),
     "similarity": lambda: ssim.similarity_kernel(ssim.CUDA_RUN),

@@ -11,6 +11,7 @@ import torch
 from diga3d_warp.config import Effects
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.splatting.attribution import shares
 from diga3d_warp.splatting.composite import composite
 from diga3d_warp.splatting.project import Projection, project
 
@@ -64,26 +65,6 @@ class Votes:
         return self.masked / self.total.clamp_min(1e-12)
 
 
-def blending_weights(projection: Projection, values: torch.Tensor) -> torch.Tensor:
-    """Sum of w_i(pixel) * value(pixel) over an image, for each gaussian i.
-
-    The blended colour is linear in the gaussians' colours with exactly these weights, so their gradient
-    gives the sums in one pass.
-
-    Args:
-        projection: N gaussians in the image plane.
-        values: Up to three values per pixel, shape (H, W, 3).
-
-    Returns:
-        Sums, shape (N, 3).
-    """
-    height, width, _ = values.shape
-    colors = torch.zeros(len(projection.centers), 3, requires_grad=True)
-    blended = composite(projection, colors, width, height, effects=COLOR_ALONE)
-    (sums,) = torch.autograd.grad((blended.color * values).sum(), colors)
-    return sums
-
-
 def vote(gaussians: Gaussians, cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> Votes:
     """Count the blending weights of gaussians inside and outside masks.
 
@@ -94,13 +75,10 @@ def vote(gaussians: Gaussians, cameras: Sequence[Camera], masks: Sequence[np.nda
     """
     masked, total, inside, visible = torch.zeros(4, len(gaussians)).unbind()
     for camera, mask in zip(cameras, masks, strict=True):
-        values = torch.zeros(camera.height, camera.width, 3)
-        values[..., 0] = torch.from_numpy(mask)
-        values[..., 1] = 1.0
         projection = _projected(gaussians, camera)
-        sums = blending_weights(projection, values)
-        masked = masked + sums[:, 0]
-        total = total + sums[:, 1]
+        taken = shares(projection, torch.from_numpy(mask.astype(np.float32))[..., None].expand(-1, -1, 3))
+        masked = masked + taken.sums[:, 0]
+        total = total + taken.weights
         in_image, in_mask = _centers_in(projection, mask)
         visible = visible + in_image
         inside = inside + in_mask
@@ -148,8 +126,8 @@ def lifted_colors(
     for camera, image, mask in zip(cameras, images, masks, strict=True):
         inside = torch.from_numpy(mask.astype(np.float32))[..., None].expand(-1, -1, 3)
         projection = _projected(gaussians, camera)
-        sums += blending_weights(projection, (torch.from_numpy(image) * inside).contiguous())
-        total += blending_weights(projection, inside.contiguous())[:, :1]
+        sums += shares(projection, torch.from_numpy(image) * inside).sums
+        total += shares(projection, inside).sums[:, :1]
     mean = sums.sum(dim=0) / total.sum().clamp_min(1e-12)
     return torch.where(total > SHOWN, sums / total.clamp_min(SHOWN), mean)
 

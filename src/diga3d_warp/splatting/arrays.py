@@ -8,6 +8,8 @@ from typing import Any
 import torch
 import warp as wp
 
+from diga3d_warp.kernels.precision import types_of
+
 REALS: dict[torch.dtype, Any] = {torch.float32: wp.float32, torch.float64: wp.float64}
 """Warp's scalar type for each of torch's that kernels are built for."""
 
@@ -21,6 +23,16 @@ def warp_array(tensor: torch.Tensor, dtype: Any) -> Any:
 def warp_arrays(tensors: Sequence[torch.Tensor], dtypes: Sequence[Any]) -> list[Any]:
     """View tensors as Warp arrays, each of its own type."""
     return [warp_array(tensor, dtype) for tensor, dtype in zip(tensors, dtypes, strict=True)]
+
+
+def vector_arrays(tensors: Sequence[torch.Tensor]) -> list[Any]:
+    """View tensors (N,) as Warp arrays of scalars, and tensors (N, C) as arrays of vectors."""
+    arrays = []
+    for tensor in tensors:
+        real = REALS[tensor.dtype]
+        dtype = real if tensor.ndim == 1 else getattr(types_of(real), f"vec{tensor.shape[1]}")
+        arrays.append(warp_array(tensor, dtype))
+    return arrays
 
 
 def like(tensor: torch.Tensor | None, reference: torch.Tensor) -> torch.Tensor:

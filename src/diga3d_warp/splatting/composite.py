@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 
@@ -12,7 +11,7 @@ from diga3d_warp.kernels import compositing, compositing_adjoint
 from diga3d_warp.kernels.binning import Bins, bin_gaussians
 from diga3d_warp.kernels.blending import Blending
 from diga3d_warp.kernels.precision import types_of
-from diga3d_warp.splatting.arrays import REALS, like, warp_array
+from diga3d_warp.splatting.arrays import REALS, like, vector_arrays, warp_array
 from diga3d_warp.splatting.project import Projection
 
 
@@ -74,11 +73,7 @@ def composite(
         )
     )  # fmt: skip
     normals = colors.new_empty((0, 3)) if normals is None else normals.to(dtype)
-    slopes = colors.new_empty((0, 2))
-    if blending.pixel_order:
-        if projection.depth_slopes is None:
-            raise ValueError("per-pixel order needs depth_slopes: project with the same accuracy and effects")
-        slopes = projection.depth_slopes.to(dtype)
+    slopes = slopes_of(projection, blending).to(dtype)
     bins = bin_projection(projection, width, height, dtype)
     color, depth_sum, transmittance, normal_sum, median = _Composite.apply(
         centers, extents, conics, opacities, colors, depths, normals, slopes, bins, width, height, blending
@@ -90,6 +85,19 @@ def composite(
         normal_sum.view(height, width, 3) if blending.normals else None,
         median.view(height, width) if blending.median else None,
     )
+
+
+def slopes_of(projection: Projection, blending: Blending) -> torch.Tensor:
+    """Slopes of depth (N, 2) if the blending needs them, otherwise none, shape (0, 2).
+
+    Raises:
+        ValueError: it needs them, but the projection has none.
+    """
+    if not blending.pixel_order:
+        return projection.centers.new_empty((0, 2))
+    if projection.depth_slopes is None:
+        raise ValueError("per-pixel order needs depth_slopes: project with the same accuracy and effects")
+    return projection.depth_slopes
 
 
 def bin_projection(projection: Projection, width: int, height: int, dtype: torch.dtype) -> Bins:
@@ -122,7 +130,9 @@ class _Composite(torch.autograd.Function):
             centers.new_empty((pixels if blending.normals else 0, 3)),
             centers.new_empty(pixels if blending.median else 0),
         )
-        ctx.changes = compositing.composite(bins, width, height, _arrays(splats), _arrays(outputs), blending)
+        ctx.changes = compositing.composite(
+            bins, width, height, vector_arrays(splats), vector_arrays(outputs), blending
+        )
         ctx.save_for_backward(*splats, *outputs)
         ctx.task = bins, width, height, blending
         return outputs
@@ -134,17 +144,7 @@ class _Composite(torch.autograd.Function):
         adj_outputs = [like(grad, output) for grad, output in zip(given, outputs, strict=True)]
         adj_centers, *adj_others = (torch.zeros_like(splats[k]) for k in (0, 2, 3, 4, 5, 6))
         compositing_adjoint.composite_adjoint(
-            bins, width, height, _arrays(splats), _arrays(outputs), ctx.changes, _arrays(adj_outputs),
-            _arrays([adj_centers, *adj_others]), blending,
+            bins, width, height, vector_arrays(splats), vector_arrays(outputs), ctx.changes,
+            vector_arrays(adj_outputs), vector_arrays([adj_centers, *adj_others]), blending,
         )  # fmt: skip
         return adj_centers, None, *adj_others, None, None, None, None, None
-
-
-def _arrays(tensors: Sequence[torch.Tensor]) -> list[Any]:
-    """Warp arrays of scalars, from tensors (N,), and of vectors, from tensors (N, C)."""
-    arrays = []
-    for tensor in tensors:
-        real = REALS[tensor.dtype]
-        dtype = real if tensor.ndim == 1 else getattr(types_of(real), f"vec{tensor.shape[1]}")
-        arrays.append(warp_array(tensor, dtype))
-    return arrays
