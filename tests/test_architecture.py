@@ -19,6 +19,7 @@ RANKS = (
     {"splatting"},
     {"gaussians", "perception", "priors"},
     {"propagation", "evaluation", "objects"},
+    {"effects"},
     {"pipelines"},
     {"doctor", "bench"},
     {"cli"},

@@ -113,6 +113,7 @@ def test_defaults_are_handed_over(monkeypatch):
         "hold_out": 8,
         "seed": 0,
         "resume": False,
+        "effects": {},
     }
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from diga3d_warp.config import Accuracy, Effects
+    from diga3d_warp.effects.plan import EffectsPlan, plan_effects
     from diga3d_warp.errors import InputError
     from diga3d_warp.gaussians.fit import FitSettings, fit
     from diga3d_warp.gaussians.parameters import Gaussians
@@ -27,6 +28,7 @@ __all__ = [
     "Camera",
     "Distortion",
     "Effects",
+    "EffectsPlan",
     "FitSettings",
     "Gaussians",
     "InputError",
@@ -35,6 +37,7 @@ __all__ = [
     "View",
     "fit",
     "load_scene",
+    "plan_effects",
     "remove",
     "render",
     "reproject",
@@ -46,6 +49,7 @@ _HOMES = {
     "Camera": "scene.camera",
     "Distortion": "scene.camera",
     "Effects": "config",
+    "EffectsPlan": "effects.plan",
     "FitSettings": "gaussians.fit",
     "Gaussians": "gaussians.parameters",
     "InputError": "errors",
@@ -54,6 +58,7 @@ _HOMES = {
     "View": "scene.scene",
     "fit": "gaussians.fit",
     "load_scene": "scene.load",
+    "plan_effects": "effects.plan",
     "remove": "pipelines.remove",
     "render": "splatting.render",
     "reproject": "splatting.reproject",

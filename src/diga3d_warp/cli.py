@@ -245,6 +245,13 @@ def _add_run_options(command: argparse.ArgumentParser) -> None:
         metavar="N",
         help="keep every Nth view for testing, 0 for none (default 8)",
     )
+    command.add_argument(
+        "--effects",
+        type=_effects,
+        default={},
+        metavar="LIST",
+        help="insist on effects, such as sh_degree=1,exposure=off (default: by the scene)",
+    )
     command.add_argument("--seed", type=_seed, default=0, metavar="N", help="(default 0)")
     command.add_argument("--resume", action="store_true", help="go on with an interrupted run")
 
@@ -293,6 +300,15 @@ def _positive_int(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number above 0")
     return int(text)
+
+
+def _effects(text: str) -> dict[str, bool | int]:
+    from diga3d_warp.effects.overrides import parse_overrides
+
+    try:
+        return parse_overrides(text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _hold_out(text: str) -> int:

@@ -7,7 +7,16 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from diga3d_warp.evaluation.metrics import Score, bounding_box, compare, mean_scores, psnr, ssim, ssim_map
+from diga3d_warp.evaluation.metrics import (
+    Score,
+    bounding_box,
+    compare,
+    matched,
+    mean_scores,
+    psnr,
+    ssim,
+    ssim_map,
+)
 
 SIZE = (40, 56)
 
@@ -131,3 +140,15 @@ def test_equal_images_are_null_in_json():
     assert Score(math.inf, 1.0).as_json() == {"psnr": None, "ssim": 1.0}
     for score in (Score(math.inf, 1.0), Score(21.5, 0.8)):
         assert Score.from_json(score.as_json()) == score
+
+
+def test_matching_takes_exposure_out_and_nothing_else():
+    generator = torch.Generator().manual_seed(4)
+    truth = 0.2 + 0.5 * torch.rand(20, 24, 3, generator=generator)
+    brighter = 0.05 + truth @ torch.tensor([[1.2, 0.0, 0.05], [0.0, 1.1, 0.0], [0.0, 0.02, 0.9]])
+    assert psnr(brighter, truth) < 22
+    assert psnr(matched(brighter, truth), truth) > 90
+    noise = 0.02 * torch.randn(20, 24, 3, generator=generator)
+    assert psnr(matched(truth + noise, truth), truth) == pytest.approx(psnr(truth + noise, truth), abs=0.5)
+    flat = matched(torch.full_like(truth, 0.3), truth)
+    torch.testing.assert_close(flat, truth.mean((0, 1)).expand_as(truth), atol=1e-4, rtol=0)

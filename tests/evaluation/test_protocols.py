@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.metrics import Score
 from diga3d_warp.evaluation.protocols import evaluate
-from diga3d_warp.evaluation.record import RESULT, SOURCE, read_metrics
+from diga3d_warp.evaluation.record import MANIFEST, RESULT, SOURCE, read_manifest, read_metrics, run_effects
 from diga3d_warp.evaluation.tables import Table, score_table
-from diga3d_warp.files import write_image
+from diga3d_warp.files import write_image, write_json
 
 FOUR_LEVELS = -20 * math.log10(4 / 255)  # PSNR of the toy photographs' error
 
@@ -72,6 +73,25 @@ def test_fit_against_held_out_photographs(toy_run):
     mean = comparisons(toy_run.folder)["fit against photographs"]["mean"]
     assert set(mean) == {"whole"}
     assert mean["whole"]["psnr"] == pytest.approx(FOUR_LEVELS, abs=0.3)
+
+
+def test_fitted_exposures_add_a_figure_of_their_own(toy_run):
+    (toy_run.folder / SOURCE).replace(toy_run.folder / RESULT)
+    manifest = read_manifest(toy_run.folder)
+    manifest["effects"] = {"choices": [{"effect": "exposure", "value": True}]}
+    write_json(toy_run.folder / MANIFEST, manifest)
+    darker = [replace(view, pixels=(0.8 * view.pixels).astype(np.uint8)) for view in toy_run.scene.test_views]
+    evaluate(toy_run.folder, scene=replace(toy_run.scene, test_views=darker))
+    means = {title: entry["mean"]["whole"]["psnr"] for title, entry in comparisons(toy_run.folder).items()}
+    assert list(means) == ["fit against photographs", "fit, colours matched to each photograph"]
+    plain, even = means.values()
+    assert plain < FOUR_LEVELS - 3.0 and even > plain + 3.0
+
+
+def test_effects_of_a_run_come_from_its_manifest():
+    assert run_effects({}) == Effects(depth=False)
+    choices = [{"effect": "antialias", "value": True, "by": "user"}, {"effect": "depth", "value": True}]
+    assert run_effects({"effects": {"choices": choices}}) == Effects(antialias=True, depth=False)
 
 
 def test_spin_nerf_scores_whole_masked_and_box(toy_run, toy_truth):

@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
+from diga3d_warp.effects.plan import Choice, EffectsPlan
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.charts import curve, duration, memory, nice_ticks, timeline
 from diga3d_warp.evaluation.protocols import evaluate
-from diga3d_warp.evaluation.record import MANIFEST, add_metrics
+from diga3d_warp.evaluation.record import MANIFEST, add_metrics, read_manifest
 from diga3d_warp.evaluation.report import MOST_VIEWS, write_report
 from diga3d_warp.files import write_image
 from diga3d_warp.pipelines.run import Run
@@ -187,3 +188,14 @@ def test_old_manifest_without_scene(toy_run):
     manifest["settings"] = {}
     (toy_run.folder / MANIFEST).write_text(json.dumps(manifest))
     assert "run without the object" in write_report(toy_run.folder).read_text()
+
+
+def test_the_plan_of_effects_is_shown_with_its_evidence(toy_run):
+    assert "<h2>Effects</h2>" not in write_report(toy_run.folder).read_text()
+    choice = Choice("lens", True, "the lens moves a corner by 7.27 px <b>", "user", 1.5, 0.1)
+    run = Run(toy_run.folder, "remove", read_manifest(toy_run.folder)["settings"], resume=True)
+    run.record("effects", EffectsPlan((choice,), ("Only 3 points.",)).as_json())
+    text = write_report(toy_run.folder).read_text()
+    assert_offline(text)
+    assert "<h2>Effects</h2>" in text and "Only 3 points." in text
+    assert "moves a corner by 7.27 px &lt;b&gt;" in text and "1.5 ms (10 %)" in text

@@ -13,7 +13,9 @@ import pytest
 import torch
 from tiny_removal import SETTINGS, Removed
 
+from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
+from diga3d_warp.evaluation.record import run_effects
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines.remove import REFIT, RemoveSettings, remove
 from diga3d_warp.pipelines.run import Run
@@ -33,10 +35,11 @@ def test_the_run_folder_holds_what_it_should(removed):
     assert len(names) == 9
     for folder in ("views/before", "views/after", "masks"):
         assert sorted(file.name for file in (removed.folder / folder).iterdir()) == names
-    stages = ["fit", "lift", "clear", "look-behind", "references", "fill", "refit", "views"]
+    stages = ["effects", "fit", "lift", "clear", "look-behind", "references", "fill", "refit", "views"]
     assert sorted(entry.name for entry in (removed.folder / "stages").iterdir()) == sorted(stages)
     manifest = json.loads((removed.folder / "manifest.json").read_text())
     assert [stage["name"] for stage in manifest["stages"]] == stages
+    assert run_effects(manifest) == Effects(sh_degree=3, lens=False, depth=False, background=False)
     assert {"fit", "refit"} <= set(json.loads((removed.folder / "metrics.json").read_text()))
     assert not [path for path in removed.folder.rglob("*") if ".partial" in path.name]
     returned = {"point_cloud.ply": removed.result.gaussians, "source.ply": removed.result.source}

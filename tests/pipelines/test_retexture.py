@@ -21,7 +21,7 @@ from diga3d_warp.pipelines.run import Run
 
 QUICK = RetextureSettings(fit=SETTINGS.fit, refit=replace(RECOLOUR, iterations=40))
 
-STAGES = ["fit", "lift", "look", "references", "repaint", "refit", "views"]
+STAGES = ["effects", "fit", "lift", "look", "references", "repaint", "refit", "views"]
 
 
 def begun(removed, folder) -> Run:

@@ -106,6 +106,23 @@ def compare(
     return {region: scores[region] for region in REGIONS if region in scores}
 
 
+def matched(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """An image after the affine colour transform that brings it closest to another, (H, W, 3).
+
+    Least squares over all pixels, gain 3 x 3 and offset. It takes exposure and white balance out of a
+    comparison; its result has seen the truth, so it never stands without the plain one.
+
+    Args:
+        image, truth: RGB in [0, 1], shape (H, W, 3).
+    """
+    colors = image.detach().double().clamp(0.0, 1.0).reshape(-1, 3)
+    known = torch.cat([colors, torch.ones_like(colors[:, :1])], dim=1)
+    wanted = truth.detach().double().reshape(-1, 3)
+    # A flat image leaves the gain open: the smallest solution is taken.
+    solution = torch.linalg.lstsq(known, wanted, driver="gelsd").solution
+    return (known @ solution).reshape(truth.shape).to(truth.dtype)
+
+
 def mean_scores(views: Iterable[Mapping[str, Score]]) -> dict[str, Score]:
     """Mean over views, region by region, over the views that have the region.
 

@@ -50,6 +50,7 @@ table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nu
 caption { text-align: left; padding-bottom: 6px }
 th, td { padding: 6px 10px; text-align: right; border-bottom: 1px solid var(--line); white-space: nowrap }
 th { color: var(--soft); font-weight: 500 }
+th.words, td.words { text-align: left; white-space: normal }
 th:first-child, td:first-child { text-align: left; padding-left: 0 }
 tr:last-child td { border-bottom: 0 }
 .curves { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(320px, 100%), 1fr));

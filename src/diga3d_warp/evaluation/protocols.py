@@ -3,7 +3,9 @@
 held-out
     Against photographs that were never fitted. A run that removes an object has no photograph without it, so
     there the splat before the edit is scored on all pixels, the edited one on unmasked pixels only, and the
-    two against each other on unmasked pixels: what the edit should have left alone.
+    two against each other on unmasked pixels: what the edit should have left alone. Pictures are compared as
+    they render. Where a fit had exposures, it is compared a second time under a name of its own, after the
+    affine colour transform that suits each photograph best, which has then seen the photograph.
 spin-nerf
     Against the photographs without the object that a SPIn-NeRF scene brings: whole, over the mask, over the
     mask's bounding box. Any image scale; figures of different scales do not compare.
@@ -22,8 +24,16 @@ import torch
 
 from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
-from diga3d_warp.evaluation.metrics import Score, compare, mean_scores
-from diga3d_warp.evaluation.record import CAMERAS, REMEDY, RESULT, SOURCE, add_metrics, read_manifest
+from diga3d_warp.evaluation.metrics import Score, compare, matched, mean_scores
+from diga3d_warp.evaluation.record import (
+    CAMERAS,
+    REMEDY,
+    RESULT,
+    SOURCE,
+    add_metrics,
+    read_manifest,
+    run_effects,
+)
 from diga3d_warp.evaluation.tables import Table, score_table
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
@@ -80,7 +90,8 @@ def evaluate(
     Raises:
         InputError: the folder holds no finished run, the scene has gone, or it has no views to compare with.
     """
-    settings = read_manifest(folder)["settings"]
+    manifest = read_manifest(folder)
+    settings, effects = manifest["settings"], run_effects(manifest)
     if not (folder / RESULT).is_file():
         raise InputError(f"{folder} has no {RESULT}: finish the run with --resume first")
     scale = settings.get("image_scale", 1.0) if image_scale is None else image_scale
@@ -93,11 +104,11 @@ def evaluate(
         )
     views = _test_views(folder, scene)
     if protocol == "spin-nerf":
-        comparisons = [_against_truth(folder, views)]
+        comparisons = [_against_truth(folder, views, effects)]
     elif (folder / SOURCE).is_file():
-        comparisons = _edited_and_source(folder, views)
+        comparisons = _edited_and_source(folder, views, effects)
     else:
-        comparisons = [_fitted(folder, views)]
+        comparisons = _fitted(folder, views, effects)
     figures: dict[str, Any] = {
         "protocol": protocol,
         "image_scale": scale,
@@ -126,15 +137,23 @@ def evaluation_tables(figures: Mapping[str, Any]) -> list[Table]:
     return tables
 
 
-def _fitted(folder: Path, views: list[View]) -> Comparison:
-    draw = _renderer(folder / RESULT)
-    return Comparison(
-        "fit against photographs", {view.name: compare(draw(view.camera), view.image) for view in views}
-    )
+def _fitted(folder: Path, views: list[View], effects: Effects) -> list[Comparison]:
+    """The fit as it renders new views and, where exposures were fitted, a second time with colours matched.
+
+    A photograph that was not fitted has no exposure of its own, so the first is uncorrected.
+    """
+    draw = _renderer(folder / RESULT, effects)
+    pictures = {view.name: (draw(view.camera), view.image) for view in views}
+    plain = {name: compare(picture, photo) for name, (picture, photo) in pictures.items()}
+    comparisons = [Comparison("fit against photographs", plain)]
+    if effects.exposure:
+        even = {name: compare(matched(picture, photo), photo) for name, (picture, photo) in pictures.items()}
+        comparisons.append(Comparison("fit, colours matched to each photograph", even))
+    return comparisons
 
 
-def _edited_and_source(folder: Path, views: list[View]) -> list[Comparison]:
-    edited, source = _renderer(folder / RESULT), _renderer(folder / SOURCE)
+def _edited_and_source(folder: Path, views: list[View], effects: Effects) -> list[Comparison]:
+    edited, source = _renderer(folder / RESULT, effects), _renderer(folder / SOURCE, effects)
     before: dict[str, Mapping[str, Score]] = {}
     after: dict[str, Mapping[str, Score]] = {}
     change: dict[str, Mapping[str, Score]] = {}
@@ -152,8 +171,8 @@ def _edited_and_source(folder: Path, views: list[View]) -> list[Comparison]:
     ]
 
 
-def _against_truth(folder: Path, views: list[View]) -> Comparison:
-    draw = _renderer(folder / RESULT)
+def _against_truth(folder: Path, views: list[View], effects: Effects) -> Comparison:
+    draw = _renderer(folder / RESULT, effects)
     what = "edited" if (folder / SOURCE).is_file() else "fit"
     return Comparison(
         f"{what} against ground truth",
@@ -216,13 +235,13 @@ def _used_mask(folder: Path, view: View) -> NDArray[np.bool_] | None:
     return cv2.resize(mask, (width, height), interpolation=cv2.INTER_NEAREST) > 127
 
 
-def _renderer(path: Path) -> Callable[[Camera], torch.Tensor]:
+def _renderer(path: Path, effects: Effects) -> Callable[[Camera], torch.Tensor]:
     """A function that renders a .ply from a camera to RGB, shape (H, W, 3)."""
     gaussians = Gaussians.load_ply(path)
 
     def draw(camera: Camera) -> torch.Tensor:
         with torch.no_grad():
-            return render(gaussians, camera, effects=Effects(depth=False)).color
+            return render(gaussians, camera, effects=effects).color
 
     return draw
 

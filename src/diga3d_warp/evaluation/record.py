@@ -8,15 +8,19 @@ The folder holds
     masks/            the masks that were used: NAME.png, white = edited
     stages/           products of each finished stage, what --resume needs
     metrics.json      measured figures by subject
-    manifest.json     command, settings, versions, machine, seconds and peak memory of each stage, notes
+    manifest.json     command, settings, effects and why, versions, machine, notes, stages with seconds and
+                      peak memory
     report.html       all of it on one page
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import read_json, write_json
 
@@ -44,6 +48,16 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     if not isinstance(manifest, dict) or not isinstance(manifest.get("settings"), dict):
         raise InputError(f"{folder / MANIFEST} is not the manifest of a run (no settings): {REMEDY}")
     return manifest
+
+
+def run_effects(manifest: Mapping[str, Any]) -> Effects:
+    """The effects with which a run's splats were fitted and are to be rendered, without depth.
+
+    Args:
+        manifest: Of the run; one that names no effects was rendered with the defaults.
+    """
+    choices = manifest.get("effects", {}).get("choices", [])
+    return replace(Effects(**{choice["effect"]: choice["value"] for choice in choices}), depth=False)
 
 
 def read_metrics(folder: Path) -> dict[str, Any]:

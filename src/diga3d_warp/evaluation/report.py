@@ -69,6 +69,7 @@ def write_report(folder: Path) -> Path:
         section("Likeness", "".join(_table(table) for table in _tables(metrics))),
         section("Curves", _curves(metrics)),
         section("Stages", f'<div class="card">{timeline(manifest["stages"])}</div>'),
+        section("Effects", _effects(manifest)),
         section("Figures", _figures(metrics)),
         section("Manifest", f'<pre class="card">{escape(json.dumps(_short(manifest), indent=2))}</pre>'),
     ]
@@ -154,9 +155,19 @@ def _tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
         yield from evaluation_tables(metrics["evaluation"])
 
 
+def _effects(manifest: Mapping[str, Any]) -> str:
+    """What the scene called for, and why; nothing for a run that did not ask it."""
+    plan = manifest.get("effects")
+    return _table(Table.from_json(plan["table"])) if plan else ""
+
+
 def _table(table: Table) -> str:
-    head = "".join(f"<th>{escape(column)}</th>" for column in table.columns)
-    rows = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in table.rows)
+    kinds = [' class="words"' if table.holds_words(column) else "" for column in range(len(table.columns))]
+    head = "".join(f"<th{kind}>{escape(cell)}</th>" for kind, cell in zip(kinds, table.columns, strict=True))
+    rows = (
+        "".join(f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, row, strict=True))
+        for row in table.rows
+    )
     body = "".join(f"<tr>{row}</tr>" for row in rows)
     return (
         f'<div class="scroll card"><table><caption>{escape(table.title)}</caption>'
@@ -191,7 +202,7 @@ def _figures(metrics: Mapping[str, Any]) -> str:
 
 def _short(manifest: Mapping[str, Any]) -> dict[str, Any]:
     """The manifest without what the page shows elsewhere."""
-    return {key: value for key, value in manifest.items() if key not in ("stages", "notes")}
+    return {key: value for key, value in manifest.items() if key not in ("stages", "notes", "effects")}
 
 
 def _is_number(value: Any) -> bool:

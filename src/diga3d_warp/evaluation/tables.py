@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from diga3d_warp.evaluation.metrics import REGIONS, Score
+
+FIGURE = re.compile(r"[-+]?\d|inf|–|$")
+"""How a figure begins; an empty cell is one as well."""
 
 
 @dataclass(frozen=True)
@@ -24,13 +28,15 @@ class Table:
     rows: Sequence[Sequence[str]]
 
     def text(self) -> str:
-        """The table for a terminal: first column to the left, figures to the right."""
+        """The table for a terminal: first column and words to the left, figures to the right."""
         lines = [self.columns, *self.rows]
         widths = [max(len(line[column]) for line in lines) for column in range(len(self.columns))]
 
         def aligned(line: Sequence[str]) -> str:
             cells = [line[0].ljust(widths[0])]
-            cells += [cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True)]
+            for column in range(1, len(line)):
+                pad = str.ljust if self.holds_words(column) else str.rjust
+                cells.append(pad(line[column], widths[column]))
             return "  ".join(cells).rstrip()
 
         rule = "-" * len(aligned(["-" * width for width in widths]))
@@ -38,9 +44,13 @@ class Table:
 
     def markdown(self) -> str:
         """The table for a Markdown page, its title above it."""
-        rule = ["---", *["---:"] * (len(self.columns) - 1)]
+        rule = ["---", *("---" if self.holds_words(c) else "---:" for c in range(1, len(self.columns)))]
         lines = [f"| {' | '.join(line)} |" for line in (self.columns, rule, *self.rows)]
         return "\n".join([f"**{self.title}**", "", *lines]) + "\n"
+
+    def holds_words(self, column: int) -> bool:
+        """Whether a cell of the column is no figure."""
+        return any(FIGURE.match(row[column]) is None for row in self.rows)
 
     def as_json(self) -> dict[str, Any]:
         """The table as JSON data, for `metrics.json` under "tables"."""

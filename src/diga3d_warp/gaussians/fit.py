@@ -14,6 +14,8 @@ from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import whole_file
 from diga3d_warp.gaussians.density import DensitySettings, relocate_and_grow, walk
+from diga3d_warp.gaussians.exposure import SETTINGS as EXPOSING
+from diga3d_warp.gaussians.exposure import Exposures, exposed
 from diga3d_warp.gaussians.losses import depth_loss, photometric_loss
 from diga3d_warp.gaussians.optimiser import GaussianAdam, LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
@@ -36,7 +38,8 @@ class FitSettings:
             short fit costs sharpness.
         coarse_part: Part of the iterations that sees images of half the size: they cost a quarter, and
             the first shapes need no more.
-        sh_steps: Parts of the iterations after which degree 1, 2 and 3 of the harmonics join in.
+        sh_steps: Parts of the iterations after which degree 1, 2 and 3 of the harmonics join in, as far as
+            the effects let them.
         rates: Learning rates.
         density: Density control.
         checkpoint_seconds: Time between two checkpoints [s].
@@ -116,11 +119,13 @@ class FitResult:
         gaussians: Without gradient.
         curve: Points of the fit: iteration, loss, psnr [dB] of the image at that step, gaussians.
         seconds: Time spent, summed over interruptions [s].
+        exposures: Colour transform of each target, shape (V, 3, 4), where they were fitted.
     """
 
     gaussians: Gaussians
     curve: list[dict[str, float]]
     seconds: float
+    exposures: torch.Tensor | None = None
 
 
 CURVE_INTERVAL = 25
@@ -133,6 +138,7 @@ def fit(
     extent: float,
     settings: FitSettings,
     *,
+    effects: Effects = Effects(),
     seed: int = 0,
     held: torch.Tensor | None = None,
     checkpoint: Path | None = None,
@@ -148,6 +154,8 @@ def fit(
         targets: At least one.
         extent: Unit of position rates, `Scene.extent` [scene units].
         settings: How long and towards what.
+        effects: What is simulated. `sh_degree` bounds the harmonics; with `exposure` each target has its own
+            colour transform; `depth` is blended where the loss needs it, whatever stands here.
         seed: Of the order of images and of density control.
         held: Gaussians that keep their values, shape (N,), bool. Those added later are free.
         checkpoint: File to go on from if it exists, and to save to.
@@ -161,7 +169,7 @@ def fit(
 
     if len(gaussians) == 0:
         raise InputError("there are no gaussians to fit: start from one at least")
-    fitting = _Fit(gaussians, targets, extent, settings, seed, held)
+    fitting = _Fit(gaussians, targets, extent, settings, seed, held, effects)
     if checkpoint is not None and checkpoint.exists():
         fitting.load(checkpoint)
     saved = time.monotonic()
@@ -177,18 +185,22 @@ def fit(
         if checkpoint is not None and time.monotonic() - saved > settings.checkpoint_seconds:
             fitting.save(checkpoint)
             saved = time.monotonic()
-    return FitResult(fitting.optimiser.gaussians().detached(), fitting.curve, fitting.seconds)
+    exposures = fitting.exposures.transforms if fitting.exposures else None
+    return FitResult(fitting.optimiser.gaussians().detached(), fitting.curve, fitting.seconds, exposures)
 
 
 class _Fit:
     """The state of a fit between two steps; all of it is in a checkpoint."""
 
-    def __init__(self, gaussians, targets, extent, settings: FitSettings, seed: int, held) -> None:
-        self.settings, self.extent = settings, extent
+    def __init__(
+        self, gaussians, targets, extent, settings: FitSettings, seed: int, held, effects: Effects = Effects()
+    ) -> None:
+        self.settings, self.effects, self.extent = settings, effects, extent
         self.held = held
         self.targets = list(targets)
         self.coarse = [target.halved() for target in targets] if settings.coarse_part > 0.0 else []
         self.optimiser = GaussianAdam(gaussians, settings.rates, extent)
+        self.exposures = Exposures(len(self.targets)) if effects.exposure else None
         self.generator = torch.Generator().manual_seed(seed)
         self.first_count = len(gaussians)
         self.pull, self.drawn = torch.zeros(2, len(gaussians)).unbind()
@@ -202,13 +214,16 @@ class _Fit:
         """One image, one step of Adam, and density control where it is due."""
         start = time.perf_counter()
         s, done = self.settings, self.iteration / self.settings.iterations
-        target = (self.coarse if done < s.coarse_part else self.targets)[self._next_index()]
-        degree = sum(done >= part for part in s.sh_steps)
+        index = self._next_index()
+        target = (self.coarse if done < s.coarse_part else self.targets)[index]
         gaussians = self.optimiser.gaussians()
         with_depth = s.depth_weight > 0.0 and target.depth is not None
-        rendering = render(gaussians, target.camera, effects=Effects(sh_degree=degree, depth=with_depth))
-        wanted = target.color
-        loss = photometric_loss(rendering.color, wanted, target.weight, s.ssim_weight)
+        effects = replace(self.effects, sh_degree=self._degree(done), depth=with_depth)
+        rendering = render(gaussians, target.camera, effects=effects)
+        wanted, color = target.color, rendering.color
+        if self.exposures:
+            color = exposed(color, self.exposures.transforms[index])
+        loss = photometric_loss(color, wanted, target.weight, s.ssim_weight)
         if with_depth:
             assert target.depth is not None
             loss = loss + s.depth_weight * depth_loss(
@@ -223,10 +238,17 @@ class _Fit:
         self._note_pull(rendering.projection)
         shown = rendering.projection.extents[:, 0] > 0.0
         self.optimiser.step(done, self._held(len(gaussians)), shown)
+        if self.exposures and done >= EXPOSING.begin:
+            self.exposures.update(index, rendering.color, wanted, target.weight)
         self._control_density(done)
-        self._record(float(loss.detach()), rendering.color.detach(), wanted, target.weight)
+        self._record(float(loss.detach()), color.detach(), wanted, target.weight)
         self.iteration += 1
         self.seconds += time.perf_counter() - start
+
+    def _degree(self, done: float) -> int:
+        """Degree of the harmonics after a part of the iterations."""
+        degree = sum(done >= part for part in self.settings.sh_steps)
+        return degree if self.effects.sh_degree is None else min(degree, self.effects.sh_degree)
 
     def _note_pull(self, projection: Projection) -> None:
         """Add up how hard this image pulls on the centres of the gaussians that it shows."""
@@ -284,6 +306,8 @@ class _Fit:
         state: dict[str, Any] = {name: getattr(self, name) for name in self._PLAIN}
         state["generator"] = self.generator.get_state()
         state["optimiser"] = self.optimiser.state_dict()
+        if self.exposures:
+            state["exposures"] = self.exposures.transforms
         with whole_file(path) as partial:
             torch.save(state, partial)
 
@@ -294,3 +318,5 @@ class _Fit:
             setattr(self, name, state[name])
         self.generator.set_state(state["generator"])
         self.optimiser.load_state_dict(state["optimiser"])
+        if self.exposures:
+            self.exposures.transforms = state["exposures"]

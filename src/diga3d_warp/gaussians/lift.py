@@ -65,17 +65,20 @@ class Votes:
         return self.masked / self.total.clamp_min(1e-12)
 
 
-def vote(gaussians: Gaussians, cameras: Sequence[Camera], masks: Sequence[np.ndarray]) -> Votes:
+def vote(
+    gaussians: Gaussians, cameras: Sequence[Camera], masks: Sequence[np.ndarray], effects: Effects = Effects()
+) -> Votes:
     """Count the blending weights of gaussians inside and outside masks.
 
     Args:
         gaussians: N gaussians.
         cameras: One per view.
         masks: One per view, shape (H, W), bool.
+        effects: With which the gaussians are rendered.
     """
     masked, total, inside, visible = torch.zeros(4, len(gaussians)).unbind()
     for camera, mask in zip(cameras, masks, strict=True):
-        projection = _projected(gaussians, camera)
+        projection = _projected(gaussians, camera, effects)
         taken = shares(projection, torch.from_numpy(mask.astype(np.float32))[..., None].expand(-1, -1, 3))
         masked = masked + taken.sums[:, 0]
         total = total + taken.weights
@@ -92,24 +95,32 @@ def object_rows(votes: Votes, settings: LiftSettings) -> torch.Tensor:
     return torch.where(seen, votes.share > settings.share, in_hull)
 
 
-def object_share(gaussians: Gaussians, camera: Camera, rows: torch.Tensor) -> torch.Tensor:
+def object_share(
+    gaussians: Gaussians, camera: Camera, rows: torch.Tensor, effects: Effects = Effects()
+) -> torch.Tensor:
     """Part of each pixel that the gaussians in `rows` (N,) take, behind what stands before them, (H, W)."""
     colors = rows.to(torch.float32)[:, None].repeat(1, 3)
-    blended = composite(
-        _projected(gaussians, camera), colors, camera.width, camera.height, effects=COLOR_ALONE
-    )
-    return blended.color[..., 0]
+    projection = _projected(gaussians, camera, effects)
+    return composite(projection, colors, camera.width, camera.height, effects=COLOR_ALONE).color[..., 0]
 
 
 def object_mask(
-    gaussians: Gaussians, camera: Camera, rows: torch.Tensor, settings: LiftSettings
+    gaussians: Gaussians,
+    camera: Camera,
+    rows: torch.Tensor,
+    settings: LiftSettings,
+    effects: Effects = Effects(),
 ) -> np.ndarray:
     """Where the gaussians in `rows` (N,) show in a camera, in front of the others, shape (H, W), bool."""
-    return (object_share(gaussians, camera, rows) > settings.opacity).numpy()
+    return (object_share(gaussians, camera, rows, effects) > settings.opacity).numpy()
 
 
 def lifted_colors(
-    gaussians: Gaussians, cameras: Sequence[Camera], images: Sequence[np.ndarray], masks: Sequence[np.ndarray]
+    gaussians: Gaussians,
+    cameras: Sequence[Camera],
+    images: Sequence[np.ndarray],
+    masks: Sequence[np.ndarray],
+    effects: Effects = Effects(),
 ) -> torch.Tensor:
     """Mean colour of the masked pixels that each gaussian shows in, by blending weight, shape (N, 3).
 
@@ -118,6 +129,7 @@ def lifted_colors(
         cameras: One per view.
         images: One per view, RGB in [0, 1], shape (H, W, 3).
         masks: One per view, shape (H, W), bool.
+        effects: With which the gaussians are rendered.
 
     Returns:
         Colours; for a gaussian that shows in no mask the mean of all others.
@@ -125,18 +137,19 @@ def lifted_colors(
     sums, total = torch.zeros(len(gaussians), 3), torch.zeros(len(gaussians), 1)
     for camera, image, mask in zip(cameras, images, masks, strict=True):
         inside = torch.from_numpy(mask.astype(np.float32))[..., None].expand(-1, -1, 3)
-        projection = _projected(gaussians, camera)
+        projection = _projected(gaussians, camera, effects)
         sums += shares(projection, torch.from_numpy(image) * inside).sums
         total += shares(projection, inside).sums[:, :1]
     mean = sums.sum(dim=0) / total.sum().clamp_min(1e-12)
     return torch.where(total > SHOWN, sums / total.clamp_min(SHOWN), mean)
 
 
-def _projected(gaussians: Gaussians, camera: Camera) -> Projection:
+def _projected(gaussians: Gaussians, camera: Camera, effects: Effects) -> Projection:
     with torch.no_grad():
         return project(
-            gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, camera
-        )
+            gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, camera,
+            effects=effects,
+        )  # fmt: skip
 
 
 def _centers_in(projection: Projection, mask: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:

@@ -12,10 +12,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from diga3d_warp.config import Effects
 from diga3d_warp.evaluation.metrics import Score, compare, mean_scores
 from diga3d_warp.evaluation.protocols import evaluate
-from diga3d_warp.evaluation.record import MANIFEST, add_metrics
+from diga3d_warp.evaluation.record import MANIFEST, add_metrics, read_manifest, run_effects
 from diga3d_warp.evaluation.report import write_report
 from diga3d_warp.evaluation.tables import Table, score_table
 from diga3d_warp.gaussians.fit import FitSettings
@@ -91,9 +90,11 @@ def run_demo(out: Path, room: SyntheticScene | None = None) -> Path:
 def _against_truth(scene: Scene, result: RemoveResult) -> Table:
     """Each method on the fitted and on the held-out views, against the images without the object."""
 
+    effects = run_effects(read_manifest(result.run.folder))
+
     def rendered(view: View, _: np.ndarray) -> torch.Tensor:
         with torch.no_grad():
-            return render(result.gaussians, view.camera, effects=Effects(depth=False)).color
+            return render(result.gaussians, view.camera, effects=effects).color
 
     methods: dict[str, Method] = {
         "mean colour of each view": lambda view, mask: mean_color_fill(view.image, torch.from_numpy(mask)),

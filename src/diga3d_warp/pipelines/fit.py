@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from diga3d_warp.effects.overrides import format_overrides
 from diga3d_warp.evaluation.protocols import evaluate
 from diga3d_warp.evaluation.report import write_report
 from diga3d_warp.gaussians.fit import FitSettings
@@ -30,7 +32,7 @@ def fit_settings(scene: Scene, iterations: int | None) -> FitSettings:
 
 def fit_command(
     scene: Path, out: Path, masks: Path | None, image_scale: float, iterations: int | None, hold_out: int,
-    seed: int, resume: bool,
+    seed: int, resume: bool, effects: Mapping[str, bool | int],
 ) -> Run:  # fmt: skip
     """`diga3d fit`: read the capture, fit it, measure it, and leave a run folder.
 
@@ -45,11 +47,11 @@ def fit_command(
         "fit",
         {
             "scene": scene, "masks": masks, "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
-            "iterations": settings.iterations,
+            "iterations": settings.iterations, "effects": format_overrides(effects),
         },
         resume=resume,
     )  # fmt: skip
-    stages.begin(run, capture)
+    capture = stages.begin(run, capture, effects)
     fitted = stages.fit_source(run, capture, settings, seed)
     stages.show_views(run, capture, None, fitted)
     stages.finish(run, "fit")

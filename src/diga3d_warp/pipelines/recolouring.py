@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +46,7 @@ def look_at_object(run: Run, views: Sequence[View], source: Gaussians, rows: tor
 
     def compute(folder: Path) -> None:
         for view in views:
-            sight = _sight(source, rows, view)
+            sight = _sight(source, rows, view, run.effects)
             write_image(folder / f"{view.name}.png", sight.image)
             np.savez_compressed(
                 folder / f"{view.name}.npz", own=sight.own, share=sight.share, depth=sight.depth
@@ -62,14 +62,14 @@ def look_at_object(run: Run, views: Sequence[View], source: Gaussians, rows: tor
 
 
 @torch.no_grad()
-def _sight(source: Gaussians, rows: torch.Tensor, view: View) -> Sight:
+def _sight(source: Gaussians, rows: torch.Tensor, view: View, effects: Effects) -> Sight:
     camera = view.camera
     without = source.detached()
     without.sh[~rows] = 0.0
     without.sh[~rows, 0] = -0.5 / C0  # black: what is left is the object's part
-    colors_only = Effects(depth=False)
-    share = without_floaters(object_share(source, camera, rows).numpy())
-    depth = render(source.select(rows), camera).depth.numpy()
+    colors_only, with_depth = replace(effects, depth=False), replace(effects, depth=True)
+    share = without_floaters(object_share(source, camera, rows, effects).numpy())
+    depth = render(source.select(rows), camera, effects=with_depth).depth.numpy()
     return Sight(
         camera,
         render(source, camera, effects=colors_only).color.clamp(0.0, 1.0).numpy(),
@@ -103,14 +103,14 @@ def recolour(
     def compute(folder: Path) -> None:
         rest, thing = source.select(~rows), source.select(rows)
         fine = _split(thing, sights, split, seed)
-        painted = _painted(rest.joined(fine), len(rest), sights, images)
+        painted = _painted(rest.joined(fine), len(rest), sights, images, run.effects)
         targets = [
             Target(sight.camera, torch.from_numpy(to_bytes(image)), depth=torch.from_numpy(sight.depth))
             for sight, image in zip(sights, images, strict=True)
         ]
         held = torch.arange(len(painted)) < len(rest)
         result = fit(
-            painted, targets, extent, settings, seed=seed, held=held,
+            painted, targets, extent, settings, effects=run.effects, seed=seed, held=held,
             checkpoint=folder / "checkpoint.pt", progress=True, label="refit",
         )  # fmt: skip
         stages.keep_fit(folder, result)
@@ -132,11 +132,11 @@ def _split(gaussians: Gaussians, sights: Sequence[Sight], settings: SplitSetting
 
 
 def _painted(
-    gaussians: Gaussians, first: int, sights: Sequence[Sight], images: Sequence[np.ndarray]
+    gaussians: Gaussians, first: int, sights: Sequence[Sight], images: Sequence[np.ndarray], effects: Effects
 ) -> Gaussians:
     """Gaussians whose rows from `first` on have the mean colour of the pixels that they show in."""
     cameras, masks = [sight.camera for sight in sights], [sight.mask for sight in sights]
-    colors = lifted_colors(gaussians, cameras, images, masks)[first:]
+    colors = lifted_colors(gaussians, cameras, images, masks, effects)[first:]
     painted = gaussians.detached()
     painted.sh[first:] = 0.0
     painted.sh[first:, 0] = (colors - 0.5) / C0

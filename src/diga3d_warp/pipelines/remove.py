@@ -1,6 +1,7 @@
 """Remove an object from a scene (paper Sec. 3, with the fill of one prior for all references).
 
-fit          the splat of the capture
+effects      what the scene calls for
+fit          the splat of the capture; photographs then take its exposure
 lift         masks lifted to the object's gaussians, and widened
 clear        those gaussians deleted
 look-behind  each mask shrunk to what no view saw behind the object
@@ -11,10 +12,11 @@ refit        the hole fitted to the filled views, with colour and depth
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 
+from diga3d_warp.effects.overrides import format_overrides
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
@@ -102,6 +104,7 @@ def remove(
     prior: Prior | None = None,
     boxes: Sequence[Box] = (),
     seed: int = 0,
+    effects: Mapping[str, bool | int] | None = None,
 ) -> RemoveResult:
     """Remove the masked object.
 
@@ -112,6 +115,7 @@ def remove(
         prior: What invents the part that no view saw; `ExemplarPrior` if None.
         boxes: Boxes around the object in up to three views, in place of masks.
         seed: Same scene, settings and seed: same bytes.
+        effects: Effects on which the user insists, by name; the scene decides on the others.
 
     Raises:
         InputError: no view has a mask, the masks lift to nothing, or there are fewer views than references.
@@ -120,8 +124,9 @@ def remove(
     settings = settings or RemoveSettings()
     prior = prior or ExemplarPrior()
     check_removal(scene, settings)
-    stages.begin(run, scene)
+    scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
+    scene = stages.even_exposure(run, scene)
     scene = boxing.carry_masks(run, scene, source, boxes, settings.lift)
     rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
     cleared = stages.clear_object(run, views, source, rows, settings.lift)
@@ -136,8 +141,8 @@ def remove(
 
 def remove_command(
     scene: Path, out: Path, masks: Path | None, mask_boxes: Sequence[Sequence[str]], image_scale: float,
-    iterations: int | None, hold_out: int, seed: int, resume: bool, prior: str, references: int,
-    selection: str,
+    iterations: int | None, hold_out: int, seed: int, resume: bool, effects: Mapping[str, bool | int],
+    prior: str, references: int, selection: str,
 ) -> Run:  # fmt: skip
     """`diga3d remove`: read the capture, remove the object, measure, and leave a run folder.
 
@@ -157,10 +162,10 @@ def remove_command(
             "scene": scene, "masks": masks, "mask_boxes": [astuple(box) for box in boxes],
             "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
             "iterations": settings.fit.iterations, "prior": prior, "references": references,
-            "selection": selection,
+            "selection": selection, "effects": format_overrides(effects),
         },
         resume=resume,
     )  # fmt: skip
-    remove(capture, run, settings, prior=PRIORS[prior](), boxes=boxes, seed=seed)
+    remove(capture, run, settings, prior=PRIORS[prior](), boxes=boxes, seed=seed, effects=effects)
     conclude(run, capture)
     return run

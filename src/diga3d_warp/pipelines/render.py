@@ -14,7 +14,7 @@ from tqdm import tqdm
 from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.paths import fly_through
-from diga3d_warp.evaluation.record import CAMERAS, RESULT, read_manifest
+from diga3d_warp.evaluation.record import CAMERAS, RESULT, read_manifest, run_effects
 from diga3d_warp.files import to_bytes, whole_file, write_image
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
@@ -56,7 +56,7 @@ def render_path(
     Raises:
         InputError: the folder holds no finished run, or `out` cannot be written.
     """
-    read_manifest(folder)
+    effects = run_effects(read_manifest(folder))
     if not (folder / RESULT).is_file():
         raise InputError(f"{folder} has no {RESULT}: finish the run with --resume first")
     out = folder / "path.webm" if out is None else out
@@ -65,7 +65,7 @@ def render_path(
     views = list(load_cameras(folder / CAMERAS).train.values())
     cameras = fly_through(views, frames) if path == "spline" else views
     width, height = size or (cameras[0].width, cameras[0].height)
-    pictures = _render(folder / RESULT, [_framed(camera, width, height) for camera in cameras])
+    pictures = _render(folder / RESULT, [_framed(camera, width, height) for camera in cameras], effects)
     if out.suffix in CODECS:
         _write_video(out, pictures, width, height)
     else:
@@ -109,11 +109,11 @@ def _framed(camera: Camera, width: int, height: int) -> Camera:
     )
 
 
-def _render(ply: Path, cameras: list[Camera]) -> Iterator[np.ndarray]:
+def _render(ply: Path, cameras: list[Camera], effects: Effects) -> Iterator[np.ndarray]:
     gaussians = Gaussians.load_ply(ply)
     for camera in tqdm(cameras, desc="render", unit="frame"):
         with torch.no_grad():
-            yield to_bytes(render(gaussians, camera, effects=Effects(depth=False)).color)
+            yield to_bytes(render(gaussians, camera, effects=effects).color)
 
 
 def _write_frames(out: Path, pictures: Iterable[np.ndarray]) -> None:

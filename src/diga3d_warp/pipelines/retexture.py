@@ -1,6 +1,7 @@
 """Give an object of a scene another material; its shape and the light on it stay.
 
-fit          the splat of the capture
+effects      what the scene calls for
+fit          the splat of the capture; photographs then take its exposure
 lift         masks lifted to the object's gaussians, and widened
 look         the object in every view: its colours, its part of each pixel, its depth
 references   K views by k-means on camera centres
@@ -10,10 +11,11 @@ refit        the object's gaussians, cut finer, fitted to the repainted views
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 
+from diga3d_warp.effects.overrides import format_overrides
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
@@ -101,6 +103,7 @@ def retexture(
     repainter: Repainter | None = None,
     boxes: Sequence[Box] = (),
     seed: int = 0,
+    effects: Mapping[str, bool | int] | None = None,
 ) -> RetextureResult:
     """Give the masked object the material that a prompt names.
 
@@ -112,6 +115,7 @@ def retexture(
         repainter: What makes the new look; the built-in materials if None.
         boxes: Boxes around the object in up to three views, in place of masks.
         seed: Same scene, prompt, settings and seed: same bytes.
+        effects: Effects on which the user insists, by name; the scene decides on the others.
 
     Raises:
         InputError: no view has a mask, the masks lift to nothing, there are fewer views than references, or
@@ -121,8 +125,9 @@ def retexture(
     settings = settings or RetextureSettings()
     repainter = repainter or MaterialRepainter(material_of(prompt))
     check_retexture(scene, settings)
-    stages.begin(run, scene)
+    scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
+    scene = stages.even_exposure(run, scene)
     scene = boxing.carry_masks(run, scene, source, boxes, settings.lift)
     rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
     sights = recolouring.look_at_object(run, views, source, rows)
@@ -138,8 +143,8 @@ def retexture(
 
 def retexture_command(
     scene: Path, prompt: str, out: Path, masks: Path | None, mask_boxes: Sequence[Sequence[str]],
-    image_scale: float, iterations: int | None, hold_out: int, seed: int, resume: bool, references: int,
-    selection: str,
+    image_scale: float, iterations: int | None, hold_out: int, seed: int, resume: bool,
+    effects: Mapping[str, bool | int], references: int, selection: str,
 ) -> Run:  # fmt: skip
     """`diga3d retexture`: read the capture, change the object's material, measure, leave a run folder.
 
@@ -160,10 +165,10 @@ def retexture_command(
             "scene": scene, "prompt": prompt, "masks": masks, "mask_boxes": [astuple(box) for box in boxes],
             "image_scale": image_scale,
             "hold_out": hold_out, "seed": seed, "iterations": settings.fit.iterations,
-            "references": references, "selection": selection,
+            "references": references, "selection": selection, "effects": format_overrides(effects),
         },
         resume=resume,
     )  # fmt: skip
-    retexture(capture, prompt, run, settings, repainter=repainter, boxes=boxes, seed=seed)
+    retexture(capture, prompt, run, settings, repainter=repainter, boxes=boxes, seed=seed, effects=effects)
     conclude(run, capture)
     return run

@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.record import MANIFEST, add_metrics, read_manifest
 from diga3d_warp.files import cannot_write, read_json, sync, whole_file, write_json
@@ -35,6 +36,7 @@ class Run:
         folder: Where everything goes.
         command: What is run: the name of the subcommand.
         settings: Everything that the result depends on, as JSON data; a path in it is absolute.
+        effects: What its stages simulate; `stages.begin` decides.
     """
 
     def __init__(
@@ -55,6 +57,7 @@ class Run:
         """
         self.folder = folder
         self.command = command
+        self.effects = Effects()
         self.settings = {key: _json_value(value) for key, value in settings.items()}
         self._began = time.perf_counter()
         _make_writable(folder)
@@ -117,6 +120,11 @@ class Run:
             _say(f"note: {line}")
             self._manifest["notes"].append(line)
             self._write_manifest()
+
+    def record(self, subject: str, data: Any) -> None:
+        """Put what was decided on the way, JSON data, into the manifest."""
+        self._manifest[subject] = data
+        self._write_manifest()
 
     def publish(self, source: Path, name: str) -> Path:
         """Copy a stage's product to `name` in the run folder."""

@@ -6,17 +6,21 @@ that was killed and resumed ends with the same bytes as one that was not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from diga3d_warp.config import Effects
+from diga3d_warp.effects.plan import EffectsPlan, plan_effects
+from diga3d_warp.effects.prices import priced
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.record import CAMERAS, RESULT, SOURCE
 from diga3d_warp.files import read_json, to_bytes, write_image, write_json
+from diga3d_warp.gaussians.exposure import evened
 from diga3d_warp.gaussians.fit import FitResult, FitSettings, Target, fit
 from diga3d_warp.gaussians.initialise import from_image, initialise
 from diga3d_warp.gaussians.lift import LiftSettings, object_mask, object_rows, vote
@@ -31,10 +35,13 @@ from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.splatting.render import render
+from diga3d_warp.splatting.shade import coefficient_count
 
 GAUSSIANS = RESULT
 LIFT = "lift"
 CURVE = "curve.json"
+PLAN = "plan.json"
+EXPOSURES = "exposures.npy"
 
 
 @dataclass(frozen=True)
@@ -60,11 +67,35 @@ def check_splat(scene: Scene) -> None:
         read_ply(scene.splat)
 
 
-def begin(run: Run, scene: Scene) -> None:
-    """Note what the reader noted, and keep the cameras for viewers and later commands."""
+def begin(run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = None) -> Scene:
+    """Note what the reader noted, plan the effects, and keep the cameras for viewers and later commands.
+
+    Args:
+        run: Gets the effects, and the plan into its manifest.
+        scene: The capture.
+        overrides: Effects on which the user insists, by name.
+
+    Returns:
+        The scene with the cameras to use: where the lens is not followed, they have none in any stage.
+    """
     for note in scene.notes:
         run.note(note)
+
+    def compute(folder: Path) -> None:
+        splat = read_ply(scene.splat).gaussians if scene.splat else None
+        plan = plan_effects(scene, splat, overrides=overrides)
+        drawn = splat or initialise(scene.points)
+        write_json(folder / PLAN, priced(plan, drawn, scene.views[0].camera).as_json())
+
+    data = read_json(run.stage("effects", compute) / PLAN, "run again")
+    plan = EffectsPlan.from_json(data)
+    run.effects = plan.effects
+    run.record("effects", data)
+    print(plan.table().text(), file=sys.stderr)
+    if not plan.effects.lens:
+        scene = scene.without_lens()
     save_cameras(run.folder / CAMERAS, CameraSet.of(scene))
+    return scene
 
 
 def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaussians:
@@ -79,13 +110,32 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
             write_json(folder / CURVE, {"curve": []})
             return
         targets = [Target(view.camera, torch.from_numpy(view.pixels)) for view in scene.views]
+        coefficients = coefficient_count(run.effects.sh_degree)
         result = fit(
-            initialise(scene.points), targets, scene.extent, settings, seed=seed,
-            checkpoint=folder / "checkpoint.pt", progress=True,
+            initialise(scene.points, coefficients), targets, scene.extent, settings, effects=run.effects,
+            seed=seed, checkpoint=folder / "checkpoint.pt", progress=True,
         )  # fmt: skip
         keep_fit(folder, result)
 
     return fitted(run, "fit", compute)
+
+
+def even_exposure(run: Run, scene: Scene) -> Scene:
+    """The scene with the fitted exposure of each training view undone, where exposures were fitted.
+
+    Photographs then agree in colour with the splat and with each other, so that one may fill another's hole.
+    Later fits of the run have no exposures.
+    """
+    run.effects = replace(run.effects, exposure=False)
+    file = run.folder / "stages" / "fit" / EXPOSURES
+    if not file.exists():
+        return scene
+    transforms = torch.from_numpy(np.load(file))
+    views = [
+        replace(view, pixels=evened(view.pixels, transform))
+        for view, transform in zip(scene.views, transforms, strict=True)
+    ]
+    return replace(scene, views=views)
 
 
 def masked_views(scene: Scene) -> list[View]:
@@ -131,14 +181,17 @@ def lift_object(
     masked = masked_views(scene)
 
     def compute(folder: Path) -> None:
-        votes = vote(source, [view.camera for view in masked], [mask_of(view) for view in masked])
+        cameras, masks = [view.camera for view in masked], [mask_of(view) for view in masked]
+        votes = vote(source, cameras, masks, run.effects)
         rows = object_rows(votes, settings)
         if not rows.any():
             raise InputError(f"{scene.path}: the masks lift to no gaussian; do they belong to these images?")
         if rows[votes.total > settings.faint].all():
             raise InputError(f"{scene.path}: the masks lift to every gaussian seen; mask the object only")
         for view in [*scene.views, *scene.test_views]:
-            mask = view.mask if view.mask is not None else object_mask(source, view.camera, rows, settings)
+            mask = view.mask
+            if mask is None:
+                mask = object_mask(source, view.camera, rows, settings, run.effects)
             write_image(folder / "masks" / f"{view.name}.png", widened(mask, masking))
         np.save(folder / "object.npy", rows.numpy())
 
@@ -162,7 +215,7 @@ def clear_object(
 
     def compute(folder: Path) -> None:
         left = source.select(~rows)
-        near = vote(left, [view.camera for view in views], [mask_of(view) for view in views])
+        near = vote(left, [view.camera for view in views], [mask_of(view) for view in views], run.effects)
         left.save_ply(folder / GAUSSIANS)
         np.save(folder / "free.npy", (near.share > settings.free_share).numpy())
         write_json(folder / "counts.json", {"object": int(rows.sum()), "left": int((~rows).sum())})
@@ -177,9 +230,10 @@ def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.n
 
     def compute(folder: Path) -> None:
         depths, alphas = [], []
+        with_depth = replace(run.effects, depth=True)
         for view in cleared.views:
             with torch.no_grad():
-                rendering = render(cleared.gaussians, view.camera)
+                rendering = render(cleared.gaussians, view.camera, effects=with_depth)
             depths.append(rendering.depth.numpy())
             alphas.append(rendering.alpha.numpy())
         backgrounds = observe_behind(cleared.views, depths, alphas)
@@ -268,7 +322,7 @@ def refit(
             for view, fill in zip(cleared.views, fills, strict=True)
         ]
         result = fit(
-            start, targets, extent, settings, seed=seed, held=held,
+            start, targets, extent, settings, effects=run.effects, seed=seed, held=held,
             checkpoint=folder / "checkpoint.pt", progress=True, label="refit",
         )  # fmt: skip
         keep_fit(folder, result)
@@ -286,9 +340,9 @@ def show_views(run: Run, scene: Scene, before: Gaussians | None, after: Gaussian
 
     def compute(folder: Path) -> None:
         for view in [*scene.views, *scene.test_views]:
-            first = view.pixels if before is None else picture(before, view.camera)
+            first = view.pixels if before is None else picture(before, view.camera, run.effects)
             write_image(folder / "before" / f"{view.name}.png", first)
-            write_image(folder / "after" / f"{view.name}.png", picture(after, view.camera))
+            write_image(folder / "after" / f"{view.name}.png", picture(after, view.camera, run.effects))
 
     _publish_pictures(run, run.stage("views", compute), "views")
 
@@ -306,10 +360,10 @@ def _publish_pictures(run: Run, source: Path, name: str) -> None:
         run.publish(file, f"{name}/{file.relative_to(source)}")
 
 
-def picture(gaussians: Gaussians, camera: Camera) -> np.ndarray:
+def picture(gaussians: Gaussians, camera: Camera, effects: Effects) -> np.ndarray:
     """A rendering as an 8-bit image, shape (H, W, 3)."""
     with torch.no_grad():
-        return to_bytes(render(gaussians, camera, effects=Effects(depth=False)).color)
+        return to_bytes(render(gaussians, camera, effects=replace(effects, depth=False)).color)
 
 
 def widened(mask: np.ndarray, settings: MaskSettings) -> np.ndarray:
@@ -332,6 +386,8 @@ def keep_fit(folder: Path, result: FitResult) -> None:
     """Write what a fit made into its stage's folder; its checkpoint has done its duty."""
     result.gaussians.save_ply(folder / GAUSSIANS)
     write_json(folder / CURVE, {"curve": result.curve})
+    if result.exposures is not None:
+        np.save(folder / EXPOSURES, result.exposures.numpy())
     (folder / "checkpoint.pt").unlink(missing_ok=True)
 
 

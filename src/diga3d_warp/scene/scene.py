@@ -89,6 +89,14 @@ class Scene:
         centers = np.stack([view.camera.center for view in self.views])
         return max(1.1 * float(np.linalg.norm(centers - centers.mean(0), axis=1).max()), 1e-3)
 
+    def without_lens(self) -> Scene:
+        """The same scene with pinhole cameras of the same intrinsics."""
+
+        def pinhole(view: View) -> View:
+            return replace(view, camera=view.camera.without_lens())
+
+        return replace(self, views=[*map(pinhole, self.views)], test_views=[*map(pinhole, self.test_views)])
+
     def with_masks(self, masks: Sequence[np.ndarray | None]) -> Scene:
         """The same scene with one mask per training view, in their order."""
         return replace(self, views=[v.with_mask(m) for v, m in zip(self.views, masks, strict=True)])

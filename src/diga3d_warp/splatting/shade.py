@@ -26,6 +26,11 @@ def degree_of(sh: torch.Tensor) -> int:
     return degrees[sh.shape[1]]
 
 
+def coefficient_count(degree: int | None) -> int:
+    """Coefficients per channel of harmonics up to a degree, 3 if None."""
+    return ((MAX_DEGREE if degree is None else degree) + 1) ** 2
+
+
 def shade(
     means: torch.Tensor, sh: torch.Tensor, extents: torch.Tensor, camera: Camera, degree: int
 ) -> torch.Tensor:

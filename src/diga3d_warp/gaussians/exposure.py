@@ -1,0 +1,129 @@
+"""Exposure: an affine colour transform of each image, found beside the gaussians.
+
+Phones change exposure and white balance from view to view. Without transforms, gaussians explain that by
+floating in front of single cameras, or by harmonics.
+
+A transform has 12 numbers and an image has many thousand pixels: each time an image is rendered, its best
+transform is known in closed form. Adam would move it by its learning rate instead, whose noise of 1 % is as
+large as the drift of most captures.
+
+The gaussians and the transforms could trade a common colour change; so the mean transform over all images is
+kept at the identity. The gaussians then have the mean look of the photographs, and a rendering of a new view,
+to which no transform belongs, has that look.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+
+@dataclass(frozen=True)
+class ExposureSettings:
+    """How transforms are found.
+
+    Attributes:
+        begin: Part of the iterations before the first update: a rendering must resemble its image.
+        share: Part of the way to the best transform that one update goes. Half, so that a bad rendering does
+            not take its image along.
+        identity_weight: Weight of the squared distance to the identity, against squared errors of colours.
+            It equals the variance of colours that is needed to move a gain half of the way: 8 levels squared.
+        gain_least: Smallest singular value of a gain that is undone. Below, noise would be amplified.
+    """
+
+    begin: float = 0.15
+    share: float = 0.5
+    identity_weight: float = 1e-3
+    gain_least: float = 0.25
+
+
+SETTINGS = ExposureSettings()
+
+IDENTITY = torch.eye(3, 4)
+"""Gain 1 and offset 0: the left 3 x 3 part multiplies a colour, the last column is added."""
+
+
+def exposed(color: torch.Tensor, transform: torch.Tensor) -> torch.Tensor:
+    """An image as one exposure shows it, shape (H, W, 3); gradients reach both arguments.
+
+    Args:
+        color: RGB, shape (H, W, 3).
+        transform: Gain and offset, shape (3, 4).
+    """
+    return color @ transform[:, :3].T + transform[:, 3]
+
+
+def best_transform(
+    color: torch.Tensor, photograph: torch.Tensor, weight: torch.Tensor | None, present: torch.Tensor
+) -> torch.Tensor:
+    """The transform that brings a rendering closest to its photograph, shape (3, 4), without gradient.
+
+    Weighted least squares with a ridge towards the identity. Weights fall with the error under the present
+    transform (Cauchy's function), so that what is not fitted yet, or moved, counts little.
+
+    Args:
+        color: Rendered RGB, shape (H, W, 3).
+        photograph: shape (H, W, 3).
+        weight: Trust in each pixel in [0, 1], shape (H, W); None for 1 everywhere.
+        present: The transform so far, shape (3, 4).
+    """
+    color, photograph = color.detach(), photograph.detach()
+    error = (exposed(color, present) - photograph).norm(dim=2)
+    trust = 1.0 / (1.0 + (error / error.mean().clamp_min(1.0 / 255.0)) ** 2)
+    if weight is not None:
+        trust = trust * weight
+    trust = trust.reshape(-1, 1).double()
+    known = torch.cat([color.reshape(-1, 3), torch.ones(color.numel() // 3, 1)], dim=1).double()
+    total = trust.sum().clamp_min(1e-12)
+    ridge = SETTINGS.identity_weight * torch.eye(4, dtype=torch.float64)
+    normal = known.T @ (trust * known) / total + ridge
+    wanted = known.T @ (trust * photograph.reshape(-1, 3).double()) / total
+    wanted += ridge @ IDENTITY.T.double()
+    return torch.linalg.solve(normal, wanted).T.float()
+
+
+def evened(pixels: np.ndarray, transform: torch.Tensor) -> np.ndarray:
+    """A photograph with its exposure undone, as if taken with the mean exposure, uint8 (H, W, 3).
+
+    What the photograph clipped stays clipped. A gain too small to be undone leaves the photograph as it is.
+
+    Args:
+        pixels: RGB, shape (H, W, 3), uint8.
+        transform: Of this photograph, shape (3, 4).
+    """
+    gain, offset = transform[:, :3].double(), transform[:, 3].double()
+    if float(torch.linalg.svdvals(gain).min()) < SETTINGS.gain_least:
+        return pixels
+    color = torch.from_numpy(pixels).double() / 255.0
+    undone = (color - offset) @ torch.linalg.inv(gain).T
+    return (undone.clamp(0.0, 1.0) * 255.0).round().to(torch.uint8).numpy()
+
+
+class Exposures:
+    """Transforms of all images.
+
+    Attributes:
+        transforms: shape (V, 3, 4), without gradient; their mean is the identity.
+    """
+
+    def __init__(self, count: int) -> None:
+        """Start with the identity for `count` images."""
+        self.transforms = IDENTITY.repeat(count, 1, 1)
+
+    def update(
+        self, image: int, color: torch.Tensor, photograph: torch.Tensor, weight: torch.Tensor | None
+    ) -> None:
+        """Move the transform of one image towards the best one, and all back to a mean of the identity.
+
+        Args:
+            image: Its index.
+            color: Rendered RGB before any transform, shape (H, W, 3).
+            photograph: shape (H, W, 3).
+            weight: Trust in each pixel, shape (H, W); None for 1 everywhere.
+        """
+        present = self.transforms[image]
+        best = best_transform(color, photograph, weight, present)
+        self.transforms[image] = present + SETTINGS.share * (best - present)
+        self.transforms -= self.transforms.mean(0) - IDENTITY
