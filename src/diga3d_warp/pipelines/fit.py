@@ -22,12 +22,20 @@ it more gaussians are needed."""
 BUDGET_LEAST, BUDGET_MOST = 60_000, 150_000
 """Bounds of the budget. Fewer save little time; more want more iterations than minutes on a CPU allow."""
 
+ITERATIONS_PER_VIEW = 50
+"""Iterations of a fit for each image, one an iteration: with fewer, images of a large capture are still far
+apart from their renderings when the rates have decayed."""
+
+ITERATIONS_MOST = 6000
+"""Most iterations that a fit takes by itself; a user may ask for more."""
+
 
 def fit_settings(scene: Scene, iterations: int | None) -> FitSettings:
     """The settings of a fit that suit a scene, with another number of iterations if one is given."""
     budget = min(max(BUDGET_PER_POINT * len(scene.points), BUDGET_LEAST), BUDGET_MOST)
-    settings = replace(FitSettings(), budget=budget)
-    return settings if iterations is None else replace(settings, iterations=iterations)
+    wanted = min(ITERATIONS_PER_VIEW * len(scene.views), ITERATIONS_MOST)
+    settings = FitSettings()
+    return replace(settings, budget=budget, iterations=iterations or max(wanted, settings.iterations))
 
 
 def fit_command(

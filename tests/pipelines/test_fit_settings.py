@@ -1,0 +1,40 @@
+"""How long and how large a fit is, by the size of the capture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.pipelines.fit import BUDGET_LEAST, BUDGET_MOST, ITERATIONS_MOST, fit_settings
+from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.scene import Points, Scene, View
+
+
+@pytest.fixture
+def scene() -> Scene:
+    camera = Camera(16, 16, 20.0, 20.0, 8.0, 8.0, torch.eye(4))
+    view = View("first", camera, np.zeros((16, 16, 3), np.uint8), None)
+    points = Points(np.zeros((1, 3), np.float32), np.zeros((1, 3), np.uint8))
+    return Scene(Path("room"), "colmap", (view,), (), points)
+
+
+@pytest.mark.parametrize(
+    ("views", "iterations"), [(20, FitSettings().iterations), (84, 4200), (500, ITERATIONS_MOST)]
+)
+def test_more_views_are_fitted_longer(scene, views, iterations):
+    assert fit_settings(replace(scene, views=scene.views * views), None).iterations == iterations
+
+
+def test_the_users_number_of_iterations_stands(scene):
+    assert fit_settings(replace(scene, views=scene.views * 500), 7).iterations == 7
+
+
+@pytest.mark.parametrize(("count", "budget"), [(1, BUDGET_LEAST), (25_000, 100_000), (90_000, BUDGET_MOST)])
+def test_more_points_get_more_gaussians(scene, count, budget):
+    points = Points(np.zeros((count, 3), np.float32), np.zeros((count, 3), np.uint8))
+    assert fit_settings(replace(scene, points=points), None).budget == budget
