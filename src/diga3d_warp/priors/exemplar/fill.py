@@ -21,9 +21,10 @@ from diga3d_warp.priors.exemplar.posterior import (
     handed_down,
     no_candidates,
 )
-from diga3d_warp.priors.exemplar.query import QueryScale
+from diga3d_warp.priors.exemplar.query import QueryScale, query_at
+from diga3d_warp.priors.exemplar.scales import enlarged, scale_sizes
 from diga3d_warp.priors.exemplar.settings import FILL, PATCHES, FillSettings, PatchSettings
-from diga3d_warp.priors.exemplar.source import Source, SourceScale, shrunk
+from diga3d_warp.priors.exemplar.source import Source, SourceScale
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,17 +45,11 @@ class State:
 
 def scales_of(source: Source, patches: PatchSettings = PATCHES, settings: FillSettings = FILL) -> list[Scale]:
     """The scales at which a source can fill its own unusable part, the coarsest first; may be none."""
-    size = tuple(source.usable.shape)
-    count = 1 + max(int(np.log2(max(min(size) / settings.coarsest, 1.0))), 0)
     scales = []
-    for power in reversed(range(count)):
-        small = (max(round(size[0] / 2**power), 1), max(round(size[1] / 2**power), 1))
-        known, share = shrunk(source.image, source.usable, small)
-        missing = ~source.usable if power == 0 else share < 0.5
-        patches_here = source.at(small, patches)
-        if missing.any() and patches_here.count >= settings.keys_min:
-            controls = patches_here.features[..., 3:]
-            scales.append(Scale(QueryScale(known, missing, controls, 2.0**power, patches), patches_here))
+    for size, shrink in scale_sizes(source.usable.shape, settings.coarsest):
+        query, keys = query_at(source, size, shrink, patches), source.at(size, patches)
+        if query.missing.any() and keys.count >= settings.keys_min:
+            scales.append(Scale(query, keys))
     return scales
 
 
@@ -116,12 +111,6 @@ def _repeats(candidates: torch.Tensor, source: SourceScale, settings: FillSettin
     count = torch.bincount(taken, minlength=source.centers.numel()).float().view(1, 1, *source.size)
     around = F.avg_pool2d(count, 5, 1, 2)[0, 0]
     return 1.0 + settings.repeat * (around - settings.repeat_free).clamp(min=0.0)
-
-
-def enlarged(image: torch.Tensor, size: tuple[int, int]) -> torch.Tensor:
-    """An image (h, w, c) at a larger size [px]."""
-    planes = F.interpolate(image.movedim(-1, 0)[None], size, mode="bicubic", align_corners=False)
-    return planes[0].movedim(0, -1).contiguous()
 
 
 def fill_missing(

@@ -1,33 +1,67 @@
-"""The built-in prior: diffusion without learned weights, over the patches of the very image."""
+"""The built-in prior: diffusion without learned weights, over the patches of given images."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 import torch
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.priors.attention import AttentionBank
 from diga3d_warp.priors.classical import telea_fill
+from diga3d_warp.priors.exemplar.denoiser import posterior_mean
 from diga3d_warp.priors.exemplar.fill import fill_missing
+from diga3d_warp.priors.exemplar.prompts import PatchPrompt, prompts_of
 from diga3d_warp.priors.exemplar.settings import FILL, PATCHES, FillSettings, PatchSettings
-from diga3d_warp.priors.exemplar.source import Source, controls_of
-from diga3d_warp.priors.protocol import check_fill
+from diga3d_warp.priors.exemplar.source import Source, depth_control, edge_control
+from diga3d_warp.priors.protocol import Conditioning, Control, Prompts, Task, check_fill
+from diga3d_warp.priors.schedule import Schedule
+
+LAYER = "patches"
+"""Name of the prior's only attention."""
+
+NOISE_RANGE = (0.02, 40.0)
+"""Least and most noise of the schedule, as a standard deviation on images in [-1, 1]. The least is
+`PatchSettings.noise_min`; the most leaves 2.5 on an image shrunk 16 times, as good as no image."""
+
+DEPTH_FLOOR = 0.05
+"""Inverse depth of a control below which all is far [share of the nearest]: keeps its logarithm finite."""
+
+
+def patch_schedule(count: int = 1000) -> Schedule:
+    """Noise levels in geometric steps, each scale of an image thus getting as many as the next."""
+    noise = torch.from_numpy(np.geomspace(*NOISE_RANGE, count))
+    return Schedule(1.0 / (1.0 + noise.square()), final=1.0, offset=0)
 
 
 class ExemplarPrior:
-    """Patch diffusion: every patch of what is invented is, up to blending, one of the photograph.
+    """Patch diffusion: every patch of what is invented is, up to blending, one of an image at hand.
 
-    It knows textures and edges of the image at hand and where in it they stand, but no objects: it will not
-    complete a half hidden chair.
+    It knows textures and edges of that image and where in it they stand, but no objects: it will not
+    complete a half hidden chair. Latents are images in [-1, 1]; the one self-attention is that to patches.
 
     Args:
         patches: When patches are alike.
         settings: How a hole is filled.
+        device: Where latents belong.
     """
 
     name = "exemplar"
+    mask_aware = True
 
-    def __init__(self, patches: PatchSettings = PATCHES, settings: FillSettings = FILL) -> None:
+    def __init__(
+        self,
+        patches: PatchSettings = PATCHES,
+        settings: FillSettings = FILL,
+        device: torch.device | str = "cpu",
+    ) -> None:
         self.patches = patches
         self.settings = settings
+        self.device = torch.device(device)
+        self.schedule = patch_schedule()
+        self._bank: AttentionBank | None = None
 
     def fill(
         self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0, depth: torch.Tensor | None = None
@@ -48,11 +82,112 @@ class ExemplarPrior:
             )
         if not mask.any():
             return image
-        controls = (
-            image.new_zeros(*mask.shape, 0) if depth is None else controls_of(depth, settings=self.patches)
-        )
-        source = Source(2.0 * image - 1.0, ~mask, controls.to(image))
+        controls = image.new_zeros(*mask.shape, 0)
+        if depth is not None:
+            controls = depth_control(depth, settings=self.patches)[..., None].to(image)
+        source = Source(2.0 * image - 1.0, ~mask, controls)
         filled = fill_missing(source, seed, self.patches, self.settings)
         if filled is None:
             return telea_fill(image, mask)
         return torch.where(mask[..., None], (0.5 * filled + 0.5).clamp(0.0, 1.0), image)
+
+    def native_size(self, height: int, width: int) -> tuple[int, int]:
+        """Any size is native."""
+        return height, width
+
+    def encode_image(self, images: torch.Tensor) -> torch.Tensor:
+        """Images in [-1, 1]; see `DiffusionPrior.encode_image`."""
+        return images.to(self.device).permute(0, 3, 1, 2) * 2.0 - 1.0
+
+    def decode_latent(self, z: torch.Tensor) -> torch.Tensor:
+        """Images in [0, 1]; see `DiffusionPrior.decode_latent`."""
+        return ((z + 1.0) / 2.0).clamp(0.0, 1.0).permute(0, 2, 3, 1)
+
+    def encode_prompts(self, positive: str, negative: str, task: Task) -> Prompts:
+        """Patches that the prompts stand for; see `prompts_of`."""
+        return prompts_of(positive, negative, task)
+
+    def conditioning(self, images: torch.Tensor, masks: torch.Tensor) -> Conditioning:
+        """The known part; see `DiffusionPrior.conditioning`."""
+        return Conditioning(self.encode_image(images), masks[:, None].to(self.device, torch.float32))
+
+    def embed_images(self, images: torch.Tensor) -> None:
+        """There is no image encoder."""
+
+    def install_attention(self, bank: AttentionBank | None) -> None:
+        """Let the attention to patches pass through `bank.attend`."""
+        self._bank = bank
+
+    @torch.no_grad()
+    def predict_noise(
+        self,
+        z: torch.Tensor,
+        t: int,
+        text: PatchPrompt,
+        cond: Conditioning | None = None,
+        controls: Sequence[Control] = (),
+        image_embeds: Any = None,
+    ) -> torch.Tensor:
+        """The noise that the images hold; see `DiffusionPrior.predict_noise`.
+
+        Args:
+            z, t, controls: As there.
+            text: Where patches come from.
+            cond: Known part. Required: its images are where `PatchPrompt.part` is taken from.
+            image_embeds: Not used.
+        """
+        assert cond is not None, "the exemplar prior needs to know the known part"
+        alpha = self.schedule.alpha(t)
+        noise = ((1.0 - alpha) / alpha) ** 0.5
+        means = []
+        for row in range(len(z)):
+            known = self._known(cond, controls, row)
+            means.append(self._attend(z[row].permute(1, 2, 0) / alpha**0.5, noise, known, text))
+        return self.schedule.noise_between(z, torch.stack(means).permute(0, 3, 1, 2), t)
+
+    def _known(self, cond: Conditioning, controls: Sequence[Control], row: int) -> Source:
+        """A view as a source whose missing pixels are not usable."""
+        image = cond.latent[row].permute(1, 2, 0)
+        planes = [_control_plane(control, row, self.patches) for control in controls]
+        channels = torch.stack(planes, -1).to(image) if planes else image.new_zeros(*image.shape[:2], 0)
+        return Source(image.contiguous(), cond.mask[row, 0] < 0.5, channels)
+
+    def _attend(self, noisy: torch.Tensor, noise: float, known: Source, text: PatchPrompt) -> torch.Tensor:
+        """Estimate of one view, blended by the bank with those from the references' patches."""
+        own = self._mean(noisy, noise, known, _source_of(text, known))
+        if self._bank is None:
+            return own
+        # What a reference leaves: its clean patches, what is known and what it now makes of the rest.
+        key = torch.cat([own, known.controls], -1)[None]
+
+        def attention(query: torch.Tensor, keys: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
+            if keys is key:
+                return own[None]
+            usable = torch.ones_like(known.usable[:1, :1]).expand(keys.shape[1:3])
+            source = Source(values[0], usable, keys[0, ..., 3:], placed=False)
+            return self._mean(query[0], noise, known, source)[None]
+
+        return self._bank.attend(LAYER, noisy[None], key, own[None], attention)[0]
+
+    def _mean(self, noisy: torch.Tensor, noise: float, known: Source, source: Source) -> torch.Tensor:
+        if source.controls.shape[2] == 0:
+            known = Source(known.image, known.usable, source.controls.new_zeros(*known.usable.shape, 0))
+        return posterior_mean(noisy, noise, known, source, self.patches, self.settings)
+
+
+def _source_of(text: PatchPrompt, known: Source) -> Source:
+    """The patches that a prompt means in one view."""
+    if text.exemplar is not None:
+        image = (2.0 * text.exemplar - 1.0).to(known.image)
+        usable = torch.ones(image.shape[:2], dtype=torch.bool, device=image.device)
+        return Source(image, usable, image.new_zeros(*usable.shape, 0), placed=False)
+    if text.part == "object":
+        return Source(known.image, ~known.usable, known.controls)
+    return known
+
+
+def _control_plane(control: Control, row: int, settings: PatchSettings) -> torch.Tensor:
+    """A control as a channel of patches, shape (H, W)."""
+    if control.kind == "edges":
+        return edge_control(control.image[row], control.scale, settings)
+    return depth_control(control.image[row].clamp(min=DEPTH_FLOOR), control.scale, settings)

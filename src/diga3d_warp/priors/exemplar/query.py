@@ -10,7 +10,9 @@ import torch.nn.functional as F
 import warp as wp
 
 from diga3d_warp.kernels.patches import Queries
+from diga3d_warp.priors.exemplar.scales import shrunk
 from diga3d_warp.priors.exemplar.settings import PATCHES, PatchSettings
+from diga3d_warp.priors.exemplar.source import Source
 from diga3d_warp.splatting.arrays import warp_array
 
 
@@ -107,6 +109,22 @@ class QueryScale:
             warp_array(self.weights(noise).view(-1), wp.float32),
             self.width,
         )
+
+
+def query_at(
+    known: Source, size: tuple[int, int], shrink: float, settings: PatchSettings = PATCHES
+) -> QueryScale:
+    """What is sought of an image at one scale: the cells that are mostly not usable.
+
+    Args:
+        known: The image; what is not usable is sought.
+        size, shrink: From `scale_sizes`.
+        settings: Of the patches.
+    """
+    image, share = shrunk(known.image, known.usable, size)
+    controls, _ = shrunk(known.controls, torch.ones_like(known.usable), size)
+    missing = ~known.usable if shrink == 1.0 else share < 0.5
+    return QueryScale(image, missing, controls, shrink, settings)
 
 
 def _padded(planes: torch.Tensor, radius: int) -> torch.Tensor:

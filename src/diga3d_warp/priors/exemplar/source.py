@@ -9,6 +9,7 @@ import torch.nn.functional as F
 import warp as wp
 
 from diga3d_warp.kernels.patches import LANES, Keys, PatchForm
+from diga3d_warp.priors.exemplar.scales import shrunk
 from diga3d_warp.priors.exemplar.settings import PATCHES, PatchSettings
 from diga3d_warp.splatting.arrays import warp_array
 
@@ -20,8 +21,7 @@ class Source:
     Attributes:
         image: Colours in [-1, 1], shape (H, W, 3), float32.
         usable: Whose pixels may be taken, shape (H, W), bool.
-        controls: What patches must agree in besides colours, scaled by the roots of its costs, shape
-            (H, W, c). See `controls_of`.
+        controls: What patches must agree in besides colours, shape (H, W, c). See `depth_control`.
         placed: Whether it shows the scene from the query's camera, so that a patch far away costs.
     """
 
@@ -85,52 +85,31 @@ class SourceScale:
         )
 
 
-def controls_of(
-    depth: torch.Tensor | None = None,
-    edges: torch.Tensor | None = None,
-    scales: tuple[float, float] = (1.0, 1.0),
-    settings: PatchSettings = PATCHES,
-) -> torch.Tensor:
-    """Control channels whose square differences weigh as `settings` says.
+def depth_control(depth: torch.Tensor, scale: float = 1.0, settings: PatchSettings = PATCHES) -> torch.Tensor:
+    """A control channel whose square difference weighs as `PatchSettings.depth` says.
 
     Args:
-        depth: z along the camera axis [scene units], positive, shape (H, W).
-        edges: 1 on edges, else 0, shape (H, W).
-        scales: Weights of depth and edges [1].
+        depth: z along the camera axis, positive, in any unit, or its reciprocal, shape (H, W).
+        scale: Weight of the control [1].
         settings: Costs.
-
-    Returns:
-        Shape (H, W, c), float32, with c the number of controls given.
     """
-    # A cost counts once for each of the three colours.
-    planes = []
-    if depth is not None:
-        planes.append(scales[0] * (3.0 * settings.depth) ** 0.5 * torch.log(depth.float()))
-    if edges is not None:
-        planes.append(scales[1] * (3.0 * settings.edges) ** 0.5 * edges.float())
-    return torch.stack(planes, -1)
+    return scale * _root_of(settings.depth) * torch.log(depth.float())
 
 
-def shrunk(
-    image: torch.Tensor, usable: torch.Tensor, size: tuple[int, int]
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Area means of the usable pixels.
+def edge_control(edges: torch.Tensor, scale: float = 1.0, settings: PatchSettings = PATCHES) -> torch.Tensor:
+    """A control channel whose square difference weighs as `PatchSettings.edges` says.
 
     Args:
-        image: shape (H, W, c).
-        usable: shape (H, W), bool.
-        size: New height and width [px].
-
-    Returns:
-        Image, shape (h, w, c), zero where nothing is usable; and the usable share, shape (h, w).
+        edges: 1 on edges, else 0, shape (H, W).
+        scale: Weight of the control [1].
+        settings: Costs.
     """
-    if size == tuple(usable.shape):
-        return torch.where(usable[..., None], image, 0.0), usable.float()
-    weights = usable.float()[None, None]
-    share = F.interpolate(weights, size, mode="area")
-    means = F.interpolate(image.movedim(-1, 0)[None] * weights, size, mode="area")
-    means = means / share.clamp(min=1e-6)
-    return means[0].movedim(0, -1).contiguous(), share[0, 0]
+    return scale * _root_of(settings.edges) * edges.float()
+
+
+def _root_of(cost: float) -> float:
+    """A cost stands for a square difference of each of the three colours."""
+    return (3.0 * cost) ** 0.5
 
 
 def _widened(mask: torch.Tensor, radius: int) -> torch.Tensor:
