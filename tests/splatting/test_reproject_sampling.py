@@ -76,6 +76,15 @@ def test_the_nearest_point_wins_and_at_equal_depth_the_first():
     assert torch.equal(shrunk.image[rows[0], columns[0]], image[first])
 
 
+def test_points_behind_a_depth_step_are_left_out():
+    """Their colour is mixed with the nearer surface's."""
+    depth = torch.full((HEIGHT, WIDTH), 4.0)
+    depth[:, 12:] = 2.0
+    out = reproject(picture(), depth, camera(), camera(), accuracy=POINTS)
+    assert not out.visible[:, 11].any()
+    assert out.visible[:, :11].all() and out.visible[:, 12:].all()
+
+
 def test_points_crack_where_a_mesh_does_not():
     """What the mesh is for: twice as near, points reach a quarter of the pixels."""
     depth = torch.full((HEIGHT, WIDTH), 2.0)
