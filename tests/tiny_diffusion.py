@@ -5,6 +5,16 @@ from pathlib import Path
 
 import torch
 
+NOISE_LEVELS = {
+    "beta_start": 0.00085,
+    "beta_end": 0.012,
+    "beta_schedule": "scaled_linear",
+    "clip_sample": False,
+    "set_alpha_to_one": False,
+    "steps_offset": 1,
+}
+"""Stable Diffusion's, as diffusers' schedulers take them."""
+
 CROSS = 8
 """Width of text embeddings."""
 
@@ -112,15 +122,7 @@ def write_checkpoint(
         write_text(folder, powerpaint)
         for kind in ("edges", "depth"):
             _save(tiny_controlnet(), folder / f"controlnet-{kind}")
-    DDIMScheduler(
-        beta_start=0.00085,
-        beta_end=0.012,
-        beta_schedule="scaled_linear",
-        clip_sample=False,
-        set_alpha_to_one=False,
-        steps_offset=1,
-        prediction_type=prediction,
-    ).save_pretrained(folder / "scheduler")
+    DDIMScheduler(**NOISE_LEVELS, prediction_type=prediction).save_pretrained(folder / "scheduler")
     return folder
 
 

@@ -8,6 +8,7 @@ from diga3d_warp.priors.inversion import invert
 from diga3d_warp.priors.protocol import Conditioning, Prompts
 from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, sample_views
 from gaussian_prior import GaussianPrior
+from tiny_diffusion import NOISE_LEVELS
 
 
 def there_and_back(steps, fixed_point=True, strength=1.0):
@@ -46,14 +47,7 @@ def test_a_part_of_the_way():
 def test_the_steps_are_those_of_diffusers():
     diffusers = pytest.importorskip("diffusers")
     prior = GaussianPrior()
-    inverse = diffusers.DDIMInverseScheduler(
-        beta_start=0.00085,
-        beta_end=0.012,
-        beta_schedule="scaled_linear",
-        clip_sample=False,
-        set_alpha_to_one=False,
-        steps_offset=1,
-    )
+    inverse = diffusers.DDIMInverseScheduler(**NOISE_LEVELS)
     inverse.set_timesteps(20)
     x = z = torch.randn(1, 3, 8, 8, generator=torch.Generator().manual_seed(7))
     for t in inverse.timesteps:

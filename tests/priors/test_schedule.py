@@ -5,6 +5,7 @@ import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.schedule import Schedule
+from tiny_diffusion import NOISE_LEVELS
 
 
 def test_a_step_down_and_up_is_the_identity():
@@ -27,14 +28,7 @@ def test_the_true_noise_leads_to_the_clean_image_in_one_step():
 @pytest.mark.parametrize("steps", [1, 7, 20, 50])
 def test_the_levels_and_steps_are_those_of_diffusers(steps):
     diffusers = pytest.importorskip("diffusers")
-    ddim = diffusers.DDIMScheduler(
-        beta_start=0.00085,
-        beta_end=0.012,
-        beta_schedule="scaled_linear",
-        clip_sample=False,
-        set_alpha_to_one=False,
-        steps_offset=1,
-    )
+    ddim = diffusers.DDIMScheduler(**NOISE_LEVELS)
     ddim.set_timesteps(steps)
     schedule = Schedule.scaled_linear()
     timesteps = schedule.timesteps(steps)

@@ -68,7 +68,8 @@ def inpaint_views(
         The views in their order, shape (H, W, 3), float32 in [0, 1]; unmasked pixels are exactly those given.
 
     Raises:
-        InputError: shapes do not fit, a mask covers everything, or references are not among the views.
+        InputError: when the first view is asked for: shapes do not fit, a mask covers everything, or
+            references are not among the views.
     """
     settings = settings or SamplingSettings()
     if len(images) != len(masks) or not images or any(len(c.images) != len(images) for c in controls):

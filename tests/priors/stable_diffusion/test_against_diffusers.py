@@ -7,6 +7,7 @@ from diga3d_warp.priors.guidance import Guidance
 from diga3d_warp.priors.protocol import Control
 from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, initial_noise, sample_views
 from diga3d_warp.priors.stable_diffusion.load import load_stable_diffusion
+from tiny_diffusion import NOISE_LEVELS
 
 STEPS = 4
 
@@ -37,15 +38,7 @@ def stock(kind, prior, photo, holes, z, **extra):
     """The same from a pipeline of diffusers made of the same models."""
     import diffusers
 
-    scheduler = diffusers.DDIMScheduler(
-        beta_start=0.00085,
-        beta_end=0.012,
-        beta_schedule="scaled_linear",
-        clip_sample=False,
-        set_alpha_to_one=False,
-        steps_offset=1,
-        prediction_type=prior.parts.prediction,
-    )
+    scheduler = diffusers.DDIMScheduler(**NOISE_LEVELS, prediction_type=prior.parts.prediction)
     models = {name: extra.pop(name) for name in ("controlnet", "image_encoder") if name in extra}
     pipeline = getattr(diffusers, kind)(
         vae=prior.parts.vae,
