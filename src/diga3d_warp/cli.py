@@ -220,6 +220,24 @@ def _add_benchmarks(bench: argparse.ArgumentParser) -> None:
     kernels.add_argument(
         "--sizes", action="store_true", help="cost against the number of gaussians and pixels instead"
     )
+    effects = benchmarks.add_parser(
+        "effects",
+        help="what each effect costs on, and that it costs nothing off",
+        description="Measure what each effect adds to a training step, and compare the kernels' sources.",
+        epilog="example:\n  diga3d bench effects --out run/benchmarks",
+        formatter_class=Help,
+    )
+    effects.set_defaults(run=_bench_effects)
+    effects.add_argument(
+        "--out",
+        type=Path,
+        default=Path("run/benchmarks"),
+        metavar="DIR",
+        help="folder for the page and its plots (default run/benchmarks)",
+    )
+    effects.add_argument(
+        "--repeats", type=_positive_int, default=25, metavar="N", help="times each step is run (default 25)"
+    )
 
 
 def _add_run_options(command: argparse.ArgumentParser) -> None:
@@ -388,6 +406,15 @@ def _doctor() -> int:
     from diga3d_warp.doctor import examine
 
     return examine()
+
+
+def _bench_effects(out: Path, repeats: int) -> int:
+    from diga3d_warp.bench.effects import bench_effects
+
+    for table in bench_effects(out, repeats):
+        print(table.text())
+    print(out / "effects.md")
+    return 0
 
 
 def _bench_kernels(out: Path, repeats: int, sizes: bool) -> int:

@@ -11,6 +11,7 @@ import pytest
 import torch
 from floor import FOCAL, HEIGHT, WIDTH, Floor
 
+from diga3d_warp.bench.still_life import still_life, still_life_camera
 from diga3d_warp.config import Effects
 from diga3d_warp.effects import evidence
 from diga3d_warp.effects.observations import observe
@@ -115,7 +116,17 @@ def test_too_few_points_keep_the_defaults_and_say_so():
 def test_a_splat_is_rendered_as_it_was_fitted(matte):
     plan = plan_effects(matte, random_gaussians(10, degree=2))
     assert plan.effects == Effects(**{**vars(OFF), "sh_degree": 2})
-    assert by(plan, "sh_degree") == by(plan, "exposure") == "splat"
+    assert by(plan, "sh_degree") == by(plan, "exposure") == by(plan, "pixel_order") == "splat"
+    assert said(plan, "pixel_order").startswith("fitted without; sorting each pixel would change it by")
+
+
+def test_the_order_of_pixels_changes_crossing_discs_and_not_a_stack():
+    crossing = still_life().select(torch.arange(-2, 0))
+    apart = crossing.detached()
+    apart.means[1, 1] += 5.0
+    camera = [still_life_camera(64, 48)]
+    assert evidence.order_change(crossing, camera, THRESHOLDS) > 1.0
+    assert evidence.order_change(apart, camera, THRESHOLDS) == 0.0
 
 
 def test_the_user_decides_and_the_evidence_stays(matte):
@@ -169,7 +180,7 @@ def test_harmonics_are_orthonormal():
 def test_every_effect_that_a_step_computes_has_a_price(matte):
     plan = priced(plan_effects(matte), initialise(matte.points), matte.views[0].camera)
     costs = {choice.effect: choice.cost_ms for choice in plan.choices}
-    measured = {"sh_degree", "antialias", "depth", "exposure", "background"}
+    measured = {"sh_degree", "antialias", "depth", "median_depth", "normals", "exposure", "background"}
     assert {name for name, cost in costs.items() if cost is not None} == measured
     assert plan.effects == plan_effects(matte).effects
     assert "would be" in plan.table().text() and "not measured" in plan.table().text()
@@ -193,9 +204,9 @@ CAPTURES = Path(__file__).resolve().parents[3] / "shared" / "data"
 
 @pytest.mark.captures
 @pytest.mark.skipif(not CAPTURES.is_dir(), reason="the real captures are not here")
-def test_bear_needs_its_lens_its_exposures_and_its_sheen():
+def test_bear_needs_its_lens_and_its_sheen():
     effects = plan_effects(load_scene(CAPTURES / "bear", image_scale=0.5)).effects
-    assert effects.lens and effects.exposure and effects.sh_degree >= 1
+    assert effects.lens and effects.sh_degree >= 1
 
 
 def test_planning_reads_no_gradient_and_leaves_the_scene(matte):

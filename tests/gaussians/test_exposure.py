@@ -10,8 +10,9 @@ import torch
 from test_fit import SETTINGS, cameras, psnr, same, stopped_at
 
 from diga3d_warp.config import Effects
-from diga3d_warp.gaussians.exposure import IDENTITY, best_transform, evened, exposed
+from diga3d_warp.gaussians.exposure import IDENTITY, Exposures, best_transform, evened, exposed
 from diga3d_warp.gaussians.fit import Target, fit
+from diga3d_warp.scene.camera import Camera, look_at
 from diga3d_warp.splatting.render import render
 from scenes import random_gaussians
 
@@ -62,6 +63,27 @@ def test_gains_are_found(fitted):
 
 def test_the_mean_transform_is_the_identity(fitted):
     torch.testing.assert_close(fitted.exposures.mean(0), IDENTITY, atol=1e-5, rtol=0)
+
+
+def test_what_follows_the_camera_is_left_to_the_gaussians():
+    """Each image is brighter by its camera's place; one in the middle is brighter by itself."""
+    count = 30
+    poses = [
+        look_at(np.array([x, -3.0, 0.5 + 0.2 * np.sin(x)]), np.zeros(3)) for x in np.linspace(-2, 2, count)
+    ]
+    places = [Camera(8, 6, 9.0, 9.0, 4.0, 3.0, torch.from_numpy(pose)) for pose in poses]
+    gains = 1.0 + 0.1 * np.linspace(-2, 2, count)
+    gains[14] += 0.3
+    exposures = Exposures(places)
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(12):
+        for index, gain in enumerate(gains):
+            color = torch.rand(6, 8, 3, generator=generator) * 0.5
+            exposures.update(index, color, float(gain) * color, None)
+    found = exposures.transforms[:, :, :3].sum(2).mean(1)
+    others = torch.arange(count) != 14
+    assert found[14] > 1.2
+    assert (found[others] - 1.0).abs().max() < 0.08, "against 0.2 at both ends"
 
 
 def test_a_rendering_has_the_mean_look_of_the_photographs(start, even, uneven, fitted):

@@ -119,3 +119,29 @@ def lines(
             each.set(xscale="log", yscale="log", xlabel=name)
         axes[0].set_title(title, loc="left", fontsize=10)
         axes[0].legend(frameon=False)
+
+
+def pictures(path: Path, pairs: Mapping[str, tuple[Any, Any]], columns: int = 5) -> None:
+    """Pairs of pictures, one above the other, in rows of `columns` pairs.
+
+    Args:
+        path: The .png file.
+        pairs: Upper and lower picture by title, RGB in [0, 1], shape (H, W, 3), all of one size.
+        columns: Pairs in a row.
+    """
+    from matplotlib.figure import Figure
+
+    rows = -(-len(pairs) // columns)
+    height, width = next(iter(pairs.values()))[0].shape[:2]
+    side = 2.6
+    figure = Figure(figsize=(side * columns, rows * (2 * side * height / width + 0.3)), layout="constrained")
+    axes = figure.subplots(2 * rows, columns, squeeze=False)
+    for each in axes.flat:
+        each.set_axis_off()
+    for index, (title, pair) in enumerate(pairs.items()):
+        row, column = divmod(index, columns)
+        for below, picture in enumerate(pair):
+            axes[2 * row + below, column].imshow(picture)
+        axes[2 * row, column].set_title(title, loc="left", fontsize=10)
+    with whole_file(path) as partial:
+        figure.savefig(partial, dpi=DOTS)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+import torch
 
+from diga3d_warp.config import Effects
 from diga3d_warp.effects.observations import Observations
 from diga3d_warp.effects.thresholds import LEVELS, Thresholds
+from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.optics import optics_of
+from diga3d_warp.splatting.render import render
 from diga3d_warp.splatting.shade import MAX_DEGREE
 
 MID_GREY = 0.5
@@ -127,6 +131,21 @@ def harmonics(directions: np.ndarray, degree: int) -> np.ndarray:
         values += [0.4570458 * x * (5 * z * z - 1), 1.4453057 * z * (x * x - y * y)]
         values += [0.5900436 * x * (x * x - 3 * y * y)]
     return np.stack(values, axis=-1)
+
+
+def order_change(gaussians: Gaussians, cameras: Sequence[Camera], thresholds: Thresholds) -> float:
+    """What sorting each pixel by its own depths changes in pictures, root mean square [levels]."""
+    squares = []
+    for camera in cameras:
+        scale = min(1.0, thresholds.order_side / max(camera.width, camera.height))
+        small = camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
+        with torch.no_grad():
+            by_centers, by_pixels = (
+                render(gaussians, small, effects=Effects(depth=False, pixel_order=own)).color.clamp(0.0, 1.0)
+                for own in (False, True)
+            )
+        squares.append(float((by_centers - by_pixels).square().mean()))
+    return float(LEVELS * np.sqrt(np.mean(squares)))
 
 
 def _robust_lines(x: np.ndarray, y: np.ndarray, start: np.ndarray) -> np.ndarray:

@@ -52,6 +52,9 @@ class Choice:
         return [self.effect, state, self.by, self.evidence, cost]
 
 
+ORDERED_VIEWS = 3
+"""Views in which the order is compared: sorting each pixel is slow."""
+
 COLUMNS = ("effect", "choice", "by", "evidence", "cost of a training step")
 
 
@@ -107,7 +110,7 @@ def plan_effects(
     Args:
         scene: With sparse points and at least two views.
         gaussians: A splat that the scene came with. It is rendered as it was fitted: with all its harmonics,
-            without exposure and anti-aliasing.
+            by the order of centres, without exposure and anti-aliasing.
         overrides: Effects on which the user insists, by name; later evidence takes them into account. See
             `parse_overrides`.
         thresholds: When the evidence suffices.
@@ -129,7 +132,9 @@ def plan_effects(
         for effect in ("antialias", "exposure"):
             choose(effect, False, "the splat is taken as it is", "splat")
         choose("sh_degree", degree_of(gaussians.sh), "all that the splat has", "splat")
+        choose("pixel_order", False, _splat_order(scene, gaussians, thresholds), "splat")
     else:
+        choose("pixel_order", False, "not measured: only a splat would tell", "default")
         observed = observe(scene, thresholds)
         if observed.colors.shape[1] >= thresholds.points_least:
             choose("antialias", *_antialias(observed, thresholds))
@@ -150,9 +155,9 @@ def plan_effects(
     lens = f"the lens moves a corner by {shift:.2f} px" if shift else "the cameras are pinholes"
     choose("lens", shift >= thresholds.lens_shift, lens)
     choose("depth", False, "stages that compare depth ask for it", "task")
-    choose("normals", False, "no stage compares normals", "task")
+    choose("median_depth", False, "no stage compares it", "task")
+    choose("normals", False, "no stage compares them", "task")
     choose("background", False, "the photographs cover their frames", "task")
-    choose("pixel_order", False, "not measured")
     choose("deterministic", True, "free on CPU", "task")
     order = [entry.name for entry in fields(Effects)]
     return EffectsPlan(tuple(sorted(choices, key=lambda c: order.index(c.effect))), tuple(notes))
@@ -174,6 +179,12 @@ def _antialias(observed: Observations, thresholds: Thresholds) -> tuple[bool, st
         spread >= thresholds.footprint_spread,
         f"the median point is seen at distances of 1 : {spread:.2f}",
     )
+
+
+def _splat_order(scene: Scene, gaussians: Gaussians, thresholds: Thresholds) -> str:
+    rows = np.linspace(0, len(scene.views) - 1, min(ORDERED_VIEWS, len(scene.views))).round().astype(int)
+    change = evidence.order_change(gaussians, [scene.views[row].camera for row in rows], thresholds)
+    return f"fitted without; sorting each pixel would change it by {change:.1f} levels"
 
 
 def _distinct(cameras: Iterable) -> list:

@@ -7,17 +7,21 @@ A transform has 12 numbers and an image has many thousand pixels: each time an i
 transform is known in closed form. Adam would move it by its learning rate instead, whose noise of 1 % is as
 large as the drift of most captures.
 
-The gaussians and the transforms could trade a common colour change; so the mean transform over all images is
-kept at the identity. The gaussians then have the mean look of the photographs, and a rendering of a new view,
-to which no transform belongs, has that look.
+The gaussians and the transforms could trade a common colour change, and by their harmonics one that follows
+the camera's place and direction. So transforms hold neither: their mean is the identity, and over the images
+they are orthogonal to linear functions of place and direction. A rendering of a new view, to which no
+transform belongs, then has the look of the photographs around it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
+
+from diga3d_warp.scene.camera import Camera
 
 
 @dataclass(frozen=True)
@@ -30,12 +34,17 @@ class ExposureSettings:
             not take its image along.
         identity_weight: Weight of the squared distance to the identity, against squared errors of colours.
             It equals the variance of colours that is needed to move a gain half of the way: 8 levels squared.
+        views_per_function: Images for each function of place and direction that is taken out of the
+            transforms. With fewer, little else would be left of them; then only the mean is.
+        rank_least: Functions weaker than this against the strongest are none [ratio].
         gain_least: Smallest singular value of a gain that is undone. Below, noise would be amplified.
     """
 
     begin: float = 0.15
     share: float = 0.5
     identity_weight: float = 1e-3
+    views_per_function: int = 4
+    rank_least: float = 1e-3
     gain_least: float = 0.25
 
 
@@ -105,17 +114,26 @@ class Exposures:
     """Transforms of all images.
 
     Attributes:
-        transforms: shape (V, 3, 4), without gradient; their mean is the identity.
+        transforms: shape (V, 3, 4), without gradient.
     """
 
-    def __init__(self, count: int) -> None:
-        """Start with the identity for `count` images."""
+    def __init__(self, cameras: Sequence[Camera]) -> None:
+        """Start with the identity for the images of V cameras."""
+        count = len(cameras)
         self.transforms = IDENTITY.repeat(count, 1, 1)
+        basis = torch.ones(count, 1, dtype=torch.float64)
+        if count >= SETTINGS.views_per_function * (1 + 2 * 3):
+            places = np.stack([camera.center for camera in cameras])
+            directions = np.stack([camera.forward for camera in cameras])
+            basis = torch.cat([basis, torch.from_numpy(np.concatenate([places, directions], axis=1))], dim=1)
+        # Orthonormal, and short of what is constant or repeated, such as the height on a level path.
+        left, strength, _ = torch.linalg.svd(basis, full_matrices=False)
+        self._followed = left[:, strength > SETTINGS.rank_least * strength[0]].float()
 
     def update(
         self, image: int, color: torch.Tensor, photograph: torch.Tensor, weight: torch.Tensor | None
     ) -> None:
-        """Move the transform of one image towards the best one, and all back to a mean of the identity.
+        """Move the transform of one image towards the best one, and take from all what gaussians can follow.
 
         Args:
             image: Its index.
@@ -126,4 +144,6 @@ class Exposures:
         present = self.transforms[image]
         best = best_transform(color, photograph, weight, present)
         self.transforms[image] = present + SETTINGS.share * (best - present)
-        self.transforms -= self.transforms.mean(0) - IDENTITY
+        change = (self.transforms - IDENTITY).reshape(len(self.transforms), 12)
+        change -= self._followed @ (self._followed.T @ change)
+        self.transforms = IDENTITY + change.reshape(-1, 3, 4)

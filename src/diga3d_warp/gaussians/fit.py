@@ -200,7 +200,7 @@ class _Fit:
         self.targets = list(targets)
         self.coarse = [target.halved() for target in targets] if settings.coarse_part > 0.0 else []
         self.optimiser = GaussianAdam(gaussians, settings.rates, extent)
-        self.exposures = Exposures(len(self.targets)) if effects.exposure else None
+        self.exposures = Exposures([target.camera for target in targets]) if effects.exposure else None
         self.generator = torch.Generator().manual_seed(seed)
         self.first_count = len(gaussians)
         self.pull, self.drawn = torch.zeros(2, len(gaussians)).unbind()
