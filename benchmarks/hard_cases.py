@@ -68,22 +68,16 @@ POINTS = "kernels/points.py"
 CAMERAS = "kernels/cameras.py"
 LOSSES = "gaussians/losses.py"
 
+# fmt: off
 CASES = (
     HardCase(
         "Behind the camera, at the near plane",
         "Culled below the near plane, which is nearer than 3DGS's: a small scene keeps what is close.",
         (
-            condition(
-                PROJECTION,
-                "not (p[2] >= near)",
-                GEOMETRY + "test_nothing_is_drawn_behind_the_near_plane",
-            ),
-            Guard(
-                "config.py",
-                "near: float = 0.01",
-                "near: float = 0.2",
-                GEOMETRY + "test_nothing_is_drawn_behind_the_near_plane",
-            ),
+            condition(PROJECTION, "not (p[2] >= near)",
+                GEOMETRY + "test_nothing_is_drawn_behind_the_near_plane"),
+            Guard("config.py", "near: float = 0.01", "near: float = 0.2",
+                GEOMETRY + "test_nothing_is_drawn_behind_the_near_plane"),
         ),
         ("Splatting.near",),
     ),
@@ -94,12 +88,8 @@ CASES = (
         (
             Guard(PROJECTION, "xj = wp.clamp(x, lower[0], upper[0])", "xj = x", FLOAT64 + "[cpu-oblique]"),
             Guard(PROJECTION, "yj = wp.clamp(y, lower[1], upper[1])", "yj = y", FLOAT64 + "[cpu-oblique]"),
-            Guard(
-                "splatting/optics.py",
-                "low, high = reached.min(axis=0), reached.max(axis=0)",
-                "high = np.abs(reached).max(axis=0); low = -high",
-                FLOAT64 + "[cpu-oblique in a crop]",
-            ),
+            Guard("splatting/optics.py", "low, high = reached.min(axis=0), reached.max(axis=0)",
+                "high = np.abs(reached).max(axis=0); low = -high", FLOAT64 + "[cpu-oblique in a crop]"),
         ),
         ("Splatting.jacobian_margin",),
     ),
@@ -108,39 +98,24 @@ CASES = (
         "A lens polynomial comes back into the image far out: rays beyond the radius where it folds are "
         "culled; pixels that no ray reaches have none.",
         (
-            condition(
-                PROJECTION,
-                "not (x * x + y * y < radius_max * radius_max)",
-                "kernels/test_projection.py::test_values_agree_with_float64",
-            ),
-            condition(
-                DRAW,
-                "not (x * x + y * y < radius_max * radius_max)",
-                REPROJECT + "test_points_beyond_the_fold_of_a_lens_do_not_come_back",
-            ),
-            Guard(
-                CAMERAS,
-                "if error < scalar(residual) and wp.sqrt(x * x + y * y) < max_radius:",
+            condition(PROJECTION, "not (x * x + y * y < radius_max * radius_max)",
+                GEOMETRY + "test_what_a_lens_folds_back_into_the_image_is_culled"),
+            condition(DRAW, "not (x * x + y * y < radius_max * radius_max)",
+                REPROJECT + "test_points_beyond_the_fold_of_a_lens_do_not_come_back"),
+            Guard(CAMERAS, "if error < scalar(residual) and wp.sqrt(x * x + y * y) < max_radius:",
                 "if True:",
-                "kernels/test_cameras.py::test_pixels_outside_the_range_of_a_lens_have_no_ray",
-            ),
-            condition(
-                "splatting/optics.py",
-                "len(reached) == 0",
-                GEOMETRY + "test_a_lens_that_reaches_no_pixel_shows_nothing",
-            ),
+                "kernels/test_cameras.py::test_pixels_outside_the_range_of_a_lens_have_no_ray"),
+            condition("splatting/optics.py", "len(reached) == 0",
+                GEOMETRY + "test_a_lens_that_reaches_no_pixel_shows_nothing"),
         ),
     ),
     HardCase(
         "On the axis of a fisheye",
         "The radius that the model divides by is kept away from zero.",
         (
-            Guard(
-                CAMERAS,
-                "AXIS_GUARD = {wp.float32: 1e-8, wp.float64: 1e-16}",
+            Guard(CAMERAS, "AXIS_GUARD = {wp.float32: 1e-8, wp.float64: 1e-16}",
                 "AXIS_GUARD = {wp.float32: 0.0, wp.float64: 0.0}",
-                "kernels/test_projection.py::test_a_gaussian_on_the_axis_of_a_fisheye_has_the_pinhole_s_shape",
-            ),
+                GEOMETRY + "test_exactly_on_the_axis_of_a_lens"),
         ),
         ("cameras.AXIS_GUARD",),
     ),
@@ -149,12 +124,9 @@ CASES = (
         "The covariance is a Gram matrix and its determinant a sum of squares with the low-pass: at least "
         "0.01 px^4, with all its digits.",
         (
-            Guard(
-                PROJECTION,
-                "det = area + low_pass * (aa + bb) + low_pass * low_pass",
+            Guard(PROJECTION, "det = area + low_pass * (aa + bb) + low_pass * low_pass",
                 "det = (aa + low_pass) * (bb + low_pass) - ab * ab",
-                GEOMETRY + "test_a_needle_has_a_conic_as_good_as_in_float64",
-            ),
+                GEOMETRY + "test_a_needle_has_a_conic_as_good_as_in_float64"),
         ),
         ("Splatting.low_pass",),
     ),
@@ -163,23 +135,12 @@ CASES = (
         "Both variances grow by it; with anti-aliasing by less, and opacity shrinks by the ratio of "
         "areas, with its gradient. A splat without area is culled before the root of zero.",
         (
-            Guard(
-                PROJECTION,
-                "var_x = aa + low_pass",
-                "var_x = aa",
-                GEOMETRY + "test_the_low_pass_keeps_a_splat_a_pixel_wide",
-            ),
-            condition(
-                PROJECTION,
-                "not (opacity * opacity * area >= alpha_min_squared * det)",
-                "kernels/test_projection_ways.py::test_a_disc_seen_edge_on_vanishes_when_antialiased",
-            ),
-            Guard(
-                PROJECTION,
-                "opacity = opacity * wp.sqrt(area * inv_det)",
-                "opacity = opacity * one",
-                "kernels/test_projection_ways.py::test_antialiasing_keeps_the_light_of_a_splat_below_a_pixel",
-            ),
+            Guard(PROJECTION, "var_x = aa + low_pass", "var_x = aa",
+                GEOMETRY + "test_the_low_pass_keeps_a_splat_a_pixel_wide"),
+            condition(PROJECTION, "not (opacity * opacity * area >= alpha_min_squared * det)",
+                "kernels/test_projection_ways.py::test_a_disc_seen_edge_on_vanishes_when_antialiased"),
+            Guard(PROJECTION, "opacity = opacity * wp.sqrt(area * inv_det)", "opacity = opacity * one",
+                "kernels/test_projection_ways.py::test_antialiasing_keeps_the_light_of_a_splat_below_a_pixel"),
         ),
         ("Splatting.low_pass", "Splatting.low_pass_antialiased"),
     ),
@@ -187,11 +148,8 @@ CASES = (
         "Huge covariance",
         "Culled: it is flat over any image.",
         (
-            condition(
-                PROJECTION,
-                "not (aa + bb < variance_max)",
-                GEOMETRY + "test_a_huge_gaussian_covers_the_image_or_nothing",
-            ),
+            condition(PROJECTION, "not (aa + bb < variance_max)",
+                GEOMETRY + "test_a_huge_gaussian_covers_the_image_or_nothing"),
         ),
         ("Splatting.variance_max",),
     ),
@@ -200,17 +158,11 @@ CASES = (
         "Points come no nearer than a part of the centre's depth, and one beyond the fold of the lens "
         "turns its axis linear.",
         (
-            condition(
-                SIGMA,
-                "widest * wp.abs(axis[2]) > nearest * mean[2]",
-                "kernels/test_projection_ways.py::test_a_gaussian_around_the_camera_has_finite_sigma_points",
-            ),
-            Guard(
-                SIGMA,
-                "if wp.dot(one_end, one_end) < limit and wp.dot(other_end, other_end) < limit:",
+            condition(SIGMA, "widest * wp.abs(axis[2]) > nearest * mean[2]",
+                "kernels/test_projection_ways.py::test_a_gaussian_around_the_camera_has_finite_sigma_points"),
+            Guard(SIGMA, "if wp.dot(one_end, one_end) < limit and wp.dot(other_end, other_end) < limit:",
                 "if True:",
-                "kernels/test_projection_ways.py::test_a_sigma_point_beyond_the_fold_of_a_lens_turns_its_axis_linear",
-            ),
+                "kernels/test_projection_ways.py::test_a_sigma_point_beyond_the_fold_of_a_lens_turns_its_axis_linear"),
         ),
         ("Splatting.sigma_depth",),
     ),
@@ -219,63 +171,29 @@ CASES = (
         "The gaussian is culled before any arithmetic, or is black if its colour is broken: image and "
         "gradients of the others keep their bits. Cameras and lenses are refused in one line.",
         (
-            Guard(
-                PROJECTION,
-                "if not within(mean, coordinate_max) or not within(scale, log_scale_max):",
-                "if not within(scale, log_scale_max):",
-                POISON,
-            ),
-            Guard(
-                PROJECTION,
-                "if not within(mean, coordinate_max) or not within(scale, log_scale_max):",
-                "if not within(mean, coordinate_max):",
-                POISON,
-            ),
-            Guard(
-                PROJECTION,
-                " or not (wp.abs(q[3]) < coordinate_max):",
-                ":",
-                POISON,
-            ),
+            Guard(PROJECTION, "if not within(mean, coordinate_max) or not within(scale, log_scale_max):",
+                "if not within(scale, log_scale_max):", POISON),
+            Guard(PROJECTION, "if not within(mean, coordinate_max) or not within(scale, log_scale_max):",
+                "if not within(mean, coordinate_max):", POISON),
+            Guard(PROJECTION, " or not (wp.abs(q[3]) < coordinate_max):", ":", POISON),
             condition(PROJECTION, "not (logit > logit_min)", POISON),
             condition(HARMONICS, "not (magnitude(sh, i, terms) < color_max)", POISON),
-            Guard(
-                "scene/camera.py",
-                "if not bool((pose.abs() < SPLATTING.coordinate_max).all()):",
-                "if False:",
-                "scene/test_camera.py",
-            ),
-            Guard(
-                "scene/camera.py",
+            Guard("scene/camera.py", "if not bool((pose.abs() < SPLATTING.coordinate_max).all()):",
+                "if False:", "scene/test_camera.py"),
+            Guard("scene/camera.py",
                 "if min(self.fx, self.fy) < PIXELS_MIN or max(map(abs, numbers)) > PIXELS_MAX:",
-                "if False:",
-                "scene/test_camera.py",
-            ),
-            Guard(
-                "kernels/launch.py",
-                '+ " -fno-signed-zeros -mreassociate"',
-                '+ " -ffast-math"',
-                POISON,
-            ),
+                "if False:", "scene/test_camera.py"),
+            Guard("kernels/launch.py", '+ " -fno-signed-zeros -mreassociate"', '+ " -ffast-math"', POISON),
         ),
-        (
-            "Splatting.coordinate_max",
-            "Splatting.log_scale_max",
-            "Splatting.logit_min",
-            "Splatting.color_max",
-            "camera.PIXELS_MAX",
-            "camera.COEFFICIENT_MAX",
-        ),
+        ("Splatting.coordinate_max", "Splatting.log_scale_max", "Splatting.logit_min",
+            "Splatting.color_max", "camera.PIXELS_MAX", "camera.COEFFICIENT_MAX"),
     ),
     HardCase(
         "Zero or denormal quaternion",
         "Culled; any longer one is normalised, and its gradient with it.",
         (
-            condition(
-                PROJECTION,
-                "not (wp.dot(q, q) >= quaternion_min)",
-                GEOMETRY + "test_a_quaternion_without_direction_is_culled",
-            ),
+            condition(PROJECTION, "not (wp.dot(q, q) >= quaternion_min)",
+                GEOMETRY + "test_a_quaternion_without_direction_is_culled"),
         ),
         ("Splatting.quaternion_min",),
     ),
@@ -283,30 +201,20 @@ CASES = (
         "A mean at the camera centre",
         "It has no direction: the length is guarded, and the colour is that of degree 0.",
         (
-            Guard(
-                HARMONICS,
-                "length_guard = real(1e-20)",
-                "length_guard = real(0.0)",
-                GEOMETRY + "test_a_mean_at_the_camera_centre_is_culled_and_its_color_is_finite",
-            ),
+            Guard(HARMONICS, "length_guard = real(1e-20)", "length_guard = real(0.0)",
+                GEOMETRY + "test_a_mean_at_the_camera_centre_is_culled_and_its_color_is_finite"),
         ),
     ),
     HardCase(
         "Alpha saturates",
         "Clamped; clamped pixels give opacity and shape no gradient. Forward and adjoint share the function.",
         (
-            Guard(
-                BLEND,
+            Guard(BLEND,
                 "alpha = wp.where(raw < real(wp.static(alpha_max)), raw, real(wp.static(alpha_max)))",
-                "alpha = raw",
-                BLENDING + "test_alpha_saturates_and_its_gradient_stops",
-            ),
-            Guard(
-                ADJOINT,
+                "alpha = raw", BLENDING + "test_alpha_saturates_and_its_gradient_stops"),
+            Guard(ADJOINT,
                 "g_power = wp.where(raw < real(wp.static(alpha_max)), raw * g_alpha, real(0.0))",
-                "g_power = raw * g_alpha",
-                BLENDING + "test_alpha_saturates_and_its_gradient_stops",
-            ),
+                "g_power = raw * g_alpha", BLENDING + "test_alpha_saturates_and_its_gradient_stops"),
         ),
         ("Splatting.alpha_max",),
     ),
@@ -315,24 +223,13 @@ CASES = (
         "The gaussian that would take transmittance below the stop is left out and has no gradient. "
         "Transmittance is stored, not recovered as 1 - alpha.",
         (
-            Guard(
-                BLEND,
-                "return wp.where(left < real(wp.static(transmittance_min)), 0, live)",
-                "return live",
-                BLENDING + "test_the_gaussian_that_would_end_a_pixel_is_left_out",
-            ),
-            Guard(
-                ADJOINT,
-                "w = wp.where(alive > 0, w, real(0.0))",
-                "w = w * real(1.0)",
-                BLENDING + "test_the_gaussian_that_would_end_a_pixel_is_left_out",
-            ),
-            Guard(
-                "kernels/compositing.py",
-                "transmittance[pixel] = T[block][q]",
-                "transmittance[pixel] = real(1.0) - (real(1.0) - T[block][q])",
-                BLENDING + "test_a_nearly_finished_pixel_keeps_the_digits_of_its_transmittance",
-            ),
+            Guard(BLEND, "return wp.where(left < real(wp.static(transmittance_min)), 0, live)",
+                "return live", BLENDING + "test_the_gaussian_that_would_end_a_pixel_is_left_out"),
+            Guard(ADJOINT, "w = wp.where(alive > 0, w, real(0.0))", "w = w * real(1.0)",
+                BLENDING + "test_the_gaussian_that_would_end_a_pixel_is_left_out"),
+            Guard("splatting/composite.py", "transmittance.view(height, width),",
+                "1.0 - (1.0 - transmittance.view(height, width)),",
+                BLENDING + "test_a_nearly_finished_pixel_keeps_the_digits_of_its_transmittance"),
         ),
         ("Accuracy.transmittance_min",),
     ),
@@ -341,29 +238,15 @@ CASES = (
         "Skipped, with no gradient; a gaussian whose opacity is below is culled before the logarithm, and "
         "at it the root's slope is kept finite. The box ends where alpha does.",
         (
-            condition(
-                PROJECTION,
-                "not (opacity >= alpha_min)",
-                BLENDING + "test_below_one_step_of_eight_bits_nothing_is_drawn",
-            ),
-            Guard(
-                BLEND,
-                "return wp.where(alpha < real(wp.static(alpha_min)), real(0.0), alpha)",
-                "return alpha",
-                BLENDING + "test_the_skip_has_the_radius_that_projection_promises",
-            ),
-            Guard(
-                ADJOINT,
-                "g_power = wp.where(w > real(0.0), g_power, real(0.0))",
+            condition(PROJECTION, "not (opacity >= alpha_min)",
+                BLENDING + "test_below_one_step_of_eight_bits_nothing_is_drawn"),
+            Guard(BLEND, "return wp.where(alpha < real(wp.static(alpha_min)), real(0.0), alpha)",
+                "return alpha", BLENDING + "test_the_skip_has_the_radius_that_projection_promises"),
+            Guard(ADJOINT, "g_power = wp.where(w > real(0.0), g_power, real(0.0))",
                 "g_power = g_power * real(1.0)",
-                "kernels/test_compositing.py::test_values_and_gradients_agree_with_float64",
-            ),
-            Guard(
-                PROJECTION,
-                "reach_guard = real(1e-6)",
-                "reach_guard = real(0.0)",
-                BLENDING + "test_an_opacity_of_just_the_skip_has_a_gradient",
-            ),
+                "kernels/test_compositing.py::test_values_and_gradients_agree_with_float64"),
+            Guard(PROJECTION, "reach_guard = real(1e-6)", "reach_guard = real(0.0)",
+                BLENDING + "test_an_opacity_of_just_the_skip_has_a_gradient"),
         ),
         ("Accuracy.alpha_min",),
     ),
@@ -372,59 +255,38 @@ CASES = (
         "Its terms cancel, and rounding may leave it above 0: clamped there, and below where alpha is "
         "skipped.",
         (
-            Guard(
-                BLEND,
-                "x = wp.where(power < real(0.0), power, real(0.0))",
-                "x = power",
-                BLENDING + "test_a_long_needle_does_not_flash_where_its_exponent_cancels",
-            ),
-            Guard(
-                BLEND,
-                "x = wp.where(x > real(wp.static(-reach)), x, real(wp.static(-reach)))",
-                "x = x",
-                FLOAT64 + "[cpu-needles]",
-            ),
+            Guard(BLEND, "x = wp.where(power < real(0.0), power, real(0.0))", "x = power",
+                BLENDING + "test_a_long_needle_does_not_flash_where_its_exponent_cancels"),
+            Guard(BLEND, "x = wp.where(x > real(wp.static(-reach)), x, real(wp.static(-reach)))", "x = x",
+                FLOAT64 + "[cpu-needles]"),
         ),
     ),
     HardCase(
         "Off-diagonal of the conic",
         "The quadratic form holds it twice, and so does its gradient.",
         (
-            Guard(
-                ADJOINT,
-                "row[3] = -total(sum_xy)",
-                "row[3] = real(-0.5) * total(sum_xy)",
-                "kernels/test_compositing.py::test_values_and_gradients_agree_with_float64",
-            ),
+            Guard(ADJOINT, "row[3] = -total(sum_xy)", "row[3] = real(-0.5) * total(sum_xy)",
+                "kernels/test_compositing.py::test_values_and_gradients_agree_with_float64"),
         ),
     ),
     HardCase(
         "Tiles counted and emitted",
         "One range is computed, counted and dealt; far-off boxes are clamped before they become integers.",
         (
-            Guard(
-                BINNING,
-                "ranges[i] = r\n    tiles[i] =",
+            Guard(BINNING, "ranges[i] = r\n    tiles[i] =",
                 "ranges[i] = tile_range(centers[i], 1.01 * extents[i], columns, rows)\n    tiles[i] =",
-                "kernels/test_binning.py",
-            ),
-            Guard(
-                BINNING,
-                "x1 = wp.clamp(center[0] + extent[0] - 0.5, -PIXEL_LIMIT, PIXEL_LIMIT)",
+                "kernels/test_binning.py"),
+            Guard(BINNING, "x1 = wp.clamp(center[0] + extent[0] - 0.5, -PIXEL_LIMIT, PIXEL_LIMIT)",
                 "x1 = center[0] + extent[0] - 0.5",
-                "kernels/test_binning.py::test_every_tile_lists_its_gaussians_by_depth_then_index",
-            ),
+                "kernels/test_binning.py::test_every_tile_lists_its_gaussians_by_depth_then_index"),
         ),
     ),
     HardCase(
         "More pairs than 32 bits number",
         "An error in one line, before anything is written.",
         (
-            condition(
-                BINNING,
-                "pairs > np.iinfo(np.int32).max",
-                "kernels/test_binning.py::test_more_pairs_than_32_bits_number_are_an_error",
-            ),
+            condition(BINNING, "pairs > np.iinfo(np.int32).max",
+                "kernels/test_binning.py::test_more_pairs_than_32_bits_number_are_an_error"),
         ),
     ),
     HardCase(
@@ -432,18 +294,12 @@ CASES = (
         "All bits of the depth are the key, from the near plane to the largest number; equal depths keep "
         "the order of their indices.",
         (
-            Guard(
-                BINNING,
-                "bits = depths[drawn].view(np.int32)",
+            Guard(BINNING, "bits = depths[drawn].view(np.int32)",
                 "bits = depths[drawn].view(np.int32) & -65536",
-                BLENDING + "test_depths_that_differ_in_their_last_bit_are_sorted",
-            ),
-            Guard(
-                BINNING,
-                "drawn = np.flatnonzero(counts)",
+                BLENDING + "test_depths_that_differ_in_their_last_bit_are_sorted"),
+            Guard(BINNING, "drawn = np.flatnonzero(counts)",
                 "drawn = np.flatnonzero(counts)[::-1].copy()",
-                BLENDING + "test_equal_depths_keep_the_order_of_their_indices",
-            ),
+                BLENDING + "test_equal_depths_keep_the_order_of_their_indices"),
         ),
     ),
     HardCase(
@@ -451,49 +307,32 @@ CASES = (
         "No gaussian, none in view, or one: the background, and gradients of exactly zero. Expected depth "
         "is not divided by zero. A fit of no gaussians is refused.",
         (
-            Guard(
-                "splatting/render.py",
-                "alpha.clamp_min(0.5 * accuracy.alpha_min)",
-                "alpha",
-                BLENDING + "test_an_empty_view_gives_the_background_and_no_gradient",
-            ),
-            condition(
-                "gaussians/fit.py", "len(gaussians) == 0", FITS + "test_no_gaussians_are_refused_in_one_line"
-            ),
-            condition(
-                LOSSES,
-                "not known.any()",
-                FITS + "test_in_an_emptied_region_there_is_no_depth_to_compare",
-            ),
+            Guard("splatting/render.py", "alpha.clamp_min(0.5 * accuracy.alpha_min)", "alpha",
+                BLENDING + "test_an_empty_view_gives_the_background_and_no_gradient"),
+            condition("gaussians/fit.py", "len(gaussians) == 0",
+                FITS + "test_no_gaussians_are_refused_in_one_line"),
+            condition(LOSSES, "not known.any()",
+                FITS + "test_in_an_emptied_region_there_is_no_depth_to_compare"),
         ),
     ),
     HardCase(
         "Culled rows",
         "Exact zeros in every output and gradient; coefficients of their colours are never read.",
         (
-            Guard(
-                "splatting/project.py",
-                "outputs = tuple(means.new_zeros(",
+            Guard("splatting/project.py", "outputs = tuple(means.new_zeros(",
                 "outputs = tuple(means.new_ones(",
-                "kernels/test_projection.py::test_culled_rows_are_exact_zeros_with_zero_gradient",
-            ),
-            condition(
-                HARMONICS,
-                "not (extents[i][0] > zero)",
-                "kernels/test_harmonics.py::test_culled_gaussians_are_black_and_their_coefficients_are_not_read",
-            ),
+                "kernels/test_projection.py::test_culled_rows_are_exact_zeros_with_zero_gradient"),
+            condition(HARMONICS, "not (extents[i][0] > zero)",
+                "kernels/test_harmonics.py::test_culled_gaussians_are_black_and_their_coefficients_are_not_read"),
         ),
     ),
     HardCase(
         "Sums on many threads",
         "Rows of their own, added in a fixed order: bits do not depend on the number of threads.",
         (
-            Guard(
-                PROJECTION,
-                "adjoint=True, device=device, work=8, align=POSE_GROUP,",
+            Guard(PROJECTION, "adjoint=True, device=device, work=8, align=POSE_GROUP,",
                 "adjoint=True, device=device, work=8,",
-                "kernels/test_projection.py::test_bits_do_not_depend_on_the_number_of_threads",
-            ),
+                "kernels/test_projection.py::test_bits_do_not_depend_on_the_number_of_threads"),
         ),
         ("config.POSE_GROUP",),
     ),
@@ -503,18 +342,10 @@ CASES = (
         "continued, within the range of what is known. Flat or reversed depth is only shifted.",
         (
             Guard(LOSSES, " & wanted.isfinite()", "", FITS + "test_unknown_depth_does_not_count"),
-            Guard(
-                LOSSES,
-                "if variance > FLAT * float((x**2).mean()):",
-                "if True:",
-                "gaussians/test_losses.py::test_flat_or_reversed_depth_is_only_shifted",
-            ),
-            Guard(
-                "propagation/depth.py",
-                "known = np.isfinite(depth) & (depth > 0.0)",
-                "known = np.isfinite(depth)",
-                "propagation/test_depth.py",
-            ),
+            Guard(LOSSES, "if variance > FLAT * float((x**2).mean()):", "if True:",
+                "gaussians/test_losses.py::test_flat_or_reversed_depth_is_only_shifted"),
+            Guard("propagation/depth.py", "known = np.isfinite(depth) & (depth > 0.0)",
+                "known = np.isfinite(depth)", "propagation/test_depth.py"),
             condition("propagation/depth.py", "unknown.all()", "propagation/test_depth.py"),
         ),
         ("losses.FLAT",),
@@ -523,11 +354,9 @@ CASES = (
         "DIBR: no usable depth",
         "The pixel is no vertex; neither its colour nor its depth has a gradient.",
         (
-            condition(
-                DRAW,
+            condition(DRAW,
                 "not (z >= wp.float64(wp.static(_L.depth_min)) and z <= wp.float64(wp.static(_L.depth_max)))",
-                REPROJECT + "test_pixels_without_a_usable_depth_are_left_out",
-            ),
+                REPROJECT + "test_pixels_without_a_usable_depth_are_left_out"),
         ),
         ("ReprojectionLimits.depth_min", "ReprojectionLimits.depth_max"),
     ),
@@ -535,11 +364,8 @@ CASES = (
         "DIBR: behind the target",
         "Dropped, and with it every triangle that reaches there.",
         (
-            condition(
-                DRAW,
-                "not (p[2] >= wp.float64(wp.static(_L.approach)) * z)",
-                DIBR + "test_a_surface_at_the_target_or_behind_it_is_not_seen",
-            ),
+            condition(DRAW, "not (p[2] >= wp.float64(wp.static(_L.approach)) * z)",
+                DIBR + "test_a_surface_at_the_target_or_behind_it_is_not_seen"),
         ),
         ("ReprojectionLimits.approach",),
     ),
@@ -547,17 +373,10 @@ CASES = (
         "DIBR: at the border of the target",
         "What leaves is cut at the last pixel; rounding does not take the outermost row away.",
         (
-            Guard(
-                MESH,
-                "slack = wp.float64(wp.static(-_L.edge)) * area",
-                "slack = wp.float64(0.0) * area",
-                REPROJECT + "test_the_same_camera_gives_the_image_back",
-            ),
-            condition(
-                POINTS,
-                "not (p[0] >= wp.float64(0.0) and p[0] < wp.float64(width))",
-                SAMPLING + "test_points_move_by_whole_pixels_and_fall_off_the_border",
-            ),
+            Guard(MESH, "slack = wp.float64(wp.static(-_L.edge)) * area",
+                "slack = wp.float64(0.0) * area", REPROJECT + "test_the_same_camera_gives_the_image_back"),
+            condition(POINTS, "not (p[0] >= wp.float64(0.0) and p[0] < wp.float64(width))",
+                SAMPLING + "test_points_move_by_whole_pixels_and_fall_off_the_border"),
         ),
         ("MeshLimits.edge",),
     ),
@@ -565,12 +384,8 @@ CASES = (
         "DIBR: several surfaces in one pixel",
         "The nearest wins, at equal depth the first in the source, on any number of threads.",
         (
-            Guard(
-                "kernels/depth_buffer.py",
-                "return (depth_bits << wp.int64(32)) | wp.int64(index)",
-                "return wp.int64(index)",
-                DIBR + "test_the_nearest_of_several_surfaces_is_seen",
-            ),
+            Guard("kernels/depth_buffer.py", "return (depth_bits << wp.int64(32)) | wp.int64(index)",
+                "return wp.int64(index)", DIBR + "test_the_nearest_of_several_surfaces_is_seen"),
         ),
     ),
     HardCase(
@@ -578,29 +393,16 @@ CASES = (
         "A mesh has no cracks. The far side of a step carries no colour, a triangle that is stretched too "
         "far or seen from behind covers nothing.",
         (
-            condition(
-                MESH,
-                "behind[i0] + behind[i1] + behind[i2] > wp.uint8(0)",
-                REPROJECT + "test_the_front_surface_wins_without_cracks_or_ghosts",
-            ),
-            condition(
-                MESH,
-                "not (high_x - low_x <= stretch and high_y - low_y <= stretch)",
-                DIBR + "test_a_triangle_that_is_stretched_too_far_covers_nothing",
-            ),
-            Guard(
-                MESH,
-                "if not (area >= wp.float64(wp.static(_L.area_min))):",
-                "if not (area != wp.float64(0.0)):",
-                DIBR + "test_a_fold_shows_its_front",
-            ),
-            Guard(
-                DRAW,
-                "if z >= scalar(wp.static(_L.depth_min)) and z < limit:",
-                "if z < limit:",
-                "kernels/test_reprojection.py::test_only_the_far_side_of_a_step_is_dropped",
-            ),
+            condition(MESH, "behind[i0] + behind[i1] + behind[i2] > wp.uint8(0)",
+                REPROJECT + "test_the_front_surface_wins_without_cracks_or_ghosts"),
+            condition(MESH, "not (high_x - low_x <= stretch and high_y - low_y <= stretch)",
+                DIBR + "test_a_triangle_that_is_stretched_too_far_covers_nothing"),
+            Guard(MESH, "if not (area >= wp.float64(wp.static(_L.area_min))):",
+                "if not (area != wp.float64(0.0)):", DIBR + "test_a_fold_shows_its_front"),
+            Guard(DRAW, "if z >= scalar(wp.static(_L.depth_min)) and z < limit:", "if z < limit:",
+                "kernels/test_reprojection.py::test_only_the_far_side_of_a_step_is_dropped"),
         ),
         ("ReprojectionLimits.depth_step", "MeshLimits.stretch", "MeshLimits.area_min"),
     ),
 )
+# fmt: on

@@ -12,7 +12,7 @@ from diga3d_warp.scene.camera import Camera, Distortion
 from diga3d_warp.splatting.project import project
 from diga3d_warp.splatting.render import Rendering, render
 from diga3d_warp.splatting.shade import shade
-from scenes import camera_at, random_gaussians, single
+from scenes import LENSES, camera_at, random_gaussians, single
 
 AHEAD = Camera(40, 30, 35.0, 35.0, 20.0, 15.0, torch.eye(4))
 """A camera at the origin that looks along z."""
@@ -122,6 +122,31 @@ def test_the_length_of_a_quaternion_does_not_matter(length):
         scaled[1].quaternions.grad * length, unit[1].quaternions.grad, rtol=1e-3, atol=1e-3
     )
     assert unit[1].quaternions.grad.abs().max() > 0.1
+
+
+@pytest.mark.parametrize("kind,k1,radius", [("brown", -0.6, 1.29), ("fisheye", -0.5, 4.0)])
+def test_what_a_lens_folds_back_into_the_image_is_culled(kind, k1, radius):
+    """The polynomial returns to the middle of the image: 1.29 (1 - 0.6 * 1.29^2) = 0.002."""
+    lens = Distortion(kind, (k1, 0.0, 0.0, 0.0))
+    camera = Camera(40, 30, 35.0, 35.0, 20.0, 15.0, torch.eye(4), lens)
+    beyond = single(means=[2.0 * radius, 0.0, 2.0])
+    assert abs(oracle.distort(torch.tensor([radius]), torch.zeros(1), camera)[0].item()) < 0.4
+    assert is_culled(*rendered(beyond, camera))
+    inside, _ = rendered(single(means=[0.6, 0.0, 2.0]), camera)
+    assert inside.alpha.max() > 0.8
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_exactly_on_the_axis_of_a_lens(lens):
+    """The fisheye divides by the distance from the axis; all lenses have slope one there."""
+    camera = Camera(40, 30, 35.0, 35.0, 20.0, 15.0, torch.eye(4), LENSES[lens])
+    out, leaves = rendered(single(means=[0.0, 0.0, 2.0]), camera)
+    torch.testing.assert_close(out.projection.centers, torch.tensor([[20.0, 15.0]]))
+    variance = (35.0 / 2.0 * math.exp(-1.6)) ** 2 + SPLATTING.low_pass
+    torch.testing.assert_close(
+        out.projection.conics[0, ::2], torch.full((2,), 1 / variance), rtol=1e-3, atol=0
+    )
+    assert leaves.means.grad.abs().max() > 0.1
 
 
 def test_a_lens_that_reaches_no_pixel_shows_nothing():
