@@ -13,6 +13,7 @@ FLOAT64 = "hard_cases/test_against_float64.py::test_image_and_gradients"
 POISON = "hard_cases/test_poison.py::test_a_poisoned_gaussian_changes_nothing_for_the_others"
 DIBR = "hard_cases/test_dibr.py::"
 FITS = "hard_cases/test_fits.py::"
+ORDERED = "kernels/test_ordering.py::"
 REPROJECT = "splatting/test_reproject.py::"
 SAMPLING = "splatting/test_reproject_sampling.py::"
 
@@ -62,6 +63,7 @@ SIGMA = "kernels/sigma_points.py"
 BLEND = "kernels/blending.py"
 ADJOINT = "kernels/compositing_adjoint.py"
 BINNING = "kernels/binning.py"
+ORDERING = "kernels/ordering.py"
 DRAW = "kernels/reprojection.py"
 MESH = "kernels/mesh.py"
 POINTS = "kernels/points.py"
@@ -300,6 +302,19 @@ CASES = (
             Guard(BINNING, "drawn = np.flatnonzero(counts)",
                 "drawn = np.flatnonzero(counts)[::-1].copy()",
                 BLENDING + "test_equal_depths_keep_the_order_of_their_indices"),
+        ),
+    ),
+    HardCase(
+        "Popping, and gaussians that cross",
+        "With per-pixel order each pixel sorts by the depth of the gaussian on its own ray, exactly, however "
+        "many there are; equal depths keep the order of the list. Saturation holds there too.",
+        (
+            Guard(ORDERING, "z = depths[i] - wp.dot(slopes[i], offset)", "z = depths[i]",
+                ORDERED + "test_two_gaussians_that_cross_are_each_in_front_on_one_side"),
+            Guard(ORDERING, "z > last_depth or (z == last_depth and j > last_pair)", "z > last_depth",
+                ORDERED + "test_equal_depths_keep_the_order_of_the_list"),
+            condition(ORDERING, "raw >= real(wp.static(alpha_max))",
+                ORDERED + "test_values_and_gradients_agree_with_float64"),
         ),
     ),
     HardCase(
