@@ -40,6 +40,12 @@ def test_a_seed_gives_the_same_bytes_and_another_gives_others(threads):
     assert not torch.equal(prior.fill(truth, mask, seed=4), first)
 
 
+def test_the_largest_seed_is_a_seed():
+    truth, mask = TEXTURES["boundary"](), hole()
+    filled = ExemplarPrior().fill(spoilt(truth, mask), mask, seed=2**31 - 1)
+    assert error_db(filled, truth, mask) > 19.0
+
+
 def test_the_depth_behind_tells_which_surface_goes_on():
     """A hole between a near and a far surface is filled by whichever lies behind it."""
     rows, columns = grid()

@@ -49,10 +49,10 @@ def attend_all(query: QueryScale, source: SourceScale, image: torch.Tensor, nois
     s = query.settings
     channels = source.features.shape[2]
     places = source.centers.reshape(-1).nonzero()[:, 0]
-    keys = _unfolded(source.features, s.side)[_corners(places, source.centers.shape[1], s.radius)]
+    keys = unfolded(source.features, s.side)[_corners(places, source.centers.shape[1], s.radius)]
     pixels = query.pixels.long()
-    q = _unfolded(query.features(image), s.side)[pixels]
-    weights = _unfolded(query.weights(noise), s.side)[pixels]
+    q = unfolded(query.features(image), s.side)[pixels]
+    weights = unfolded(query.weights(noise), s.side)[pixels]
     distances = weights @ keys.square().T - 2.0 * (weights * q) @ keys.T
     distances += (weights * q.square()).sum(1, keepdim=True)
     across, down = way_costs(query, source, noise)
@@ -176,14 +176,14 @@ def window(settings: PatchSettings) -> torch.Tensor:
     return (line[:, None] * line).reshape(-1)
 
 
-def _unfolded(planes: torch.Tensor, side: int) -> torch.Tensor:
+def unfolded(planes: torch.Tensor, side: int) -> torch.Tensor:
     """All patches of planes (h, w, c), shape ((h - side + 1) (w - side + 1), side * side * c)."""
     windows = planes.unfold(0, side, 1).unfold(1, side, 1)
     return windows.permute(0, 1, 3, 4, 2).reshape(-1, side * side * planes.shape[2])
 
 
 def _corners(places: torch.Tensor, width: int, radius: int) -> torch.Tensor:
-    """Index among the patches of `_unfolded` of those that are centred at pixels of the planes."""
+    """Index among the patches of `unfolded` of those that are centred at pixels of the planes."""
     y, x = places // width - radius, places % width - radius
     return y * (width - 2 * radius) + x
 

@@ -81,7 +81,7 @@ class QueryScale:
 
     def features(self, image: torch.Tensor) -> torch.Tensor:
         """Colours and controls, padded by the radius, shape (h + 2 r, w + 2 r, 3 + c)."""
-        return _padded(torch.cat([image, self.controls], -1), self.settings.radius)
+        return padded(torch.cat([image, self.controls], -1), self.settings.radius)
 
     def weights(self, noise: float) -> torch.Tensor:
         """Weights of the padded features' square differences, zero outside the image.
@@ -93,7 +93,7 @@ class QueryScale:
         clean = self.precision(min(noise, self.settings.known_noise))
         colors = torch.where(self.missing[..., None], sought, clean).expand(-1, -1, 3)
         controls = (self.urgency * colors[..., :1]).expand_as(self.controls)
-        return _padded(torch.cat([colors, controls], -1), self.settings.radius)
+        return padded(torch.cat([colors, controls], -1), self.settings.radius)
 
     def queries(self, image: torch.Tensor, noise: float) -> Queries:
         """The patches as the kernels take them.
@@ -127,5 +127,6 @@ def query_at(
     return QueryScale(image, missing, controls, shrink, settings)
 
 
-def _padded(planes: torch.Tensor, radius: int) -> torch.Tensor:
+def padded(planes: torch.Tensor, radius: int) -> torch.Tensor:
+    """Planes (h, w, c) with zeros around, so that each pixel is the centre of a patch."""
     return F.pad(planes, (0, 0, radius, radius, radius, radius)).contiguous()

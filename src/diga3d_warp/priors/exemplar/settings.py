@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class PatchSettings:
@@ -72,6 +74,8 @@ class FillSettings:
             coarser scale's shapes still show.
         noise_last: Noise that each scale ends with [1].
         steps_first, steps_next: DDIM steps at the coarsest and at each finer scale.
+        seeds: Fills from noise that are compared at a low resolution [1].
+        compared: How many times smaller the image is at which they are compared [1].
         repeat: By how much the distance to a patch grows for each time that it is taken too often [1].
         repeat_free: How often a patch may be taken, as a mean over its neighbourhood, before it counts as too
             often [1].
@@ -85,8 +89,15 @@ class FillSettings:
     noise_last: float = 0.02
     steps_first: int = 12
     steps_next: int = 6
+    seeds: int = 3
+    compared: float = 4.0
     repeat: float = 0.5
     repeat_free: float = 1.5
+
+    def levels(self, first: bool = False) -> list[float]:
+        """Falling noise levels of a scale, in geometric steps."""
+        begin, count = (self.noise_first, self.steps_first) if first else (self.noise_next, self.steps_next)
+        return np.geomspace(begin, self.noise_last, count).tolist()
 
 
 FILL = FillSettings()
