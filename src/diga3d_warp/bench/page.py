@@ -95,7 +95,8 @@ def bars(path: Path, title: str, parts: Sequence[str], groups: Mapping[str, Sequ
         axes.grid(axis="x", color="0.9")
         axes.margins(x=0.12)
         axes.set_title(title, loc="left", fontsize=10)
-        axes.legend(frameon=False)
+        # Below: at the right it would hide the sums.
+        axes.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=len(parts))
 
 
 def lines(
