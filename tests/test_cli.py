@@ -9,7 +9,7 @@ import pytest
 from diga3d_warp import cli
 from diga3d_warp.errors import InputError
 
-COMMANDS = ["fit", "remove", "retexture", "render", "eval", "doctor", "synthetic", "demo", "bench"]
+COMMANDS = ["fit", "remove", "retexture", "replace", "render", "eval", "doctor", "synthetic", "demo", "bench"]
 HEAVY = ["torch", "warp", "cv2", "numpy", "scipy", "pycolmap", "kornia", "trimesh"]
 
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from diga3d_warp.gaussians.fit import FitSettings, fit
     from diga3d_warp.gaussians.parameters import Gaussians
     from diga3d_warp.pipelines.remove import remove
+    from diga3d_warp.pipelines.replace import replace
     from diga3d_warp.pipelines.retexture import retexture
     from diga3d_warp.scene.camera import Camera, Distortion
     from diga3d_warp.scene.load import load_scene
@@ -40,6 +41,7 @@ __all__ = [
     "plan_effects",
     "remove",
     "render",
+    "replace",
     "reproject",
     "retexture",
 ]
@@ -61,6 +63,7 @@ _HOMES = {
     "plan_effects": "effects.plan",
     "remove": "pipelines.remove",
     "render": "splatting.render",
+    "replace": "pipelines.replace",
     "reproject": "splatting.reproject",
     "retexture": "pipelines.retexture",
 }

@@ -24,6 +24,7 @@ examples:
   diga3d remove captures/statue --out run/statue     take the masked object out
   diga3d remove captures/statue --out run/statue --resume
   diga3d retexture captures/bear --prompt "white marble" --out run/bear
+  diga3d replace captures/can --prompt "a wooden cube" --out run/can
   diga3d render run/statue --out statue.webm         a video along the cameras
   diga3d eval run/statue                             PSNR and SSIM on held-out views
   diga3d bench kernels                               how fast are the kernels here?
@@ -109,12 +110,7 @@ def parser() -> argparse.ArgumentParser:
     )
     _add_run_options(remove)
     _add_mask_boxes(remove)
-    remove.add_argument(
-        "--prior",
-        choices=["exemplar", "classical"],
-        default="exemplar",
-        help="what invents the part that no view saw (default exemplar)",
-    )
+    _add_prior(remove)
     _add_reference_options(remove)
 
     retexture = add(
@@ -129,6 +125,22 @@ def parser() -> argparse.ArgumentParser:
         "--prompt", required=True, metavar="TEXT", help="the material; a word of the built-in vocabulary"
     )
     _add_reference_options(retexture)
+
+    replace = add(
+        "replace",
+        _replace,
+        "put another object in place of the masked one",
+        'diga3d replace captures/can --prompt "a wooden cube" --out run/can',
+    )
+    _add_run_options(replace)
+    _add_mask_boxes(replace)
+    new = replace.add_mutually_exclusive_group(required=True)
+    new.add_argument("--prompt", metavar="TEXT", help='a built-in solid in a material: "a wooden cube"')
+    new.add_argument(
+        "--asset", type=Path, metavar="FILE", help="a mesh (.glb, .obj, .ply, .stl) or a splat .ply"
+    )
+    _add_prior(replace)
+    _add_reference_options(replace)
 
     render = add("render", _render, "render a run along a path", "diga3d render run/statue --out statue.webm")
     render.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished run")
@@ -286,6 +298,15 @@ def _add_mask_boxes(command: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_prior(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--prior",
+        choices=["exemplar", "classical"],
+        default="exemplar",
+        help="what invents the part that no view saw (default exemplar)",
+    )
+
+
 def _add_reference_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--references",
@@ -374,6 +395,12 @@ def _retexture(**options: Any) -> int:
     from diga3d_warp.pipelines.retexture import retexture_command
 
     return _show_run(retexture_command(**options))
+
+
+def _replace(**options: Any) -> int:
+    from diga3d_warp.pipelines.replace import replace_command
+
+    return _show_run(replace_command(**options))
 
 
 def _show_run(run: Any) -> int:

@@ -59,6 +59,7 @@ def write_report(folder: Path) -> Path:
         "fit": f"A splat of {name}",
         "remove": f"{name} without the object",
         "retexture": f"{name}: {prompt}",
+        "replace": f"{name}: {prompt or Path(manifest['settings'].get('asset') or '').name}",
     }.get(manifest["command"], f"{manifest['command']}: {name}")
     sections = [
         f"<h1>{escape(title)}</h1><code class=soft>{escape(manifest['command_line'])}</code>",

@@ -182,6 +182,12 @@ def fuse(sights: Sequence[Sight], settings: FuseSettings | None = None) -> Surfa
     return surface
 
 
+def pixel_width(sights: Sequence[Sight]) -> float:
+    """Width of a pixel at the object's distance, the median over all views [scene units]."""
+    shown = [sight for sight in sights if sight.mask.any()]
+    return float(np.median([np.median(sight.depth[sight.mask]) / sight.camera.fy for sight in shown]))
+
+
 def without_floaters(share: np.ndarray, settings: FuseSettings | None = None) -> np.ndarray:
     """The blending weight of an object (H, W) without small parts that lie apart."""
     import cv2

@@ -44,14 +44,14 @@ def wrap(
 
 
 def sampled(texture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Bilinear colours of a texture that repeats, at u, v in repeats (P,), shape (P, 3)."""
-    side = len(texture)
-    column, row = u * side - 0.5, v * side - 0.5
+    """Bilinear colours of a repeating texture (H, W, 3) at u, v in repeats (P,), shape (P, 3)."""
+    height, width = texture.shape[:2]
+    column, row = u * width - 0.5, v * height - 0.5
     left, top = np.floor(column).astype(int), np.floor(row).astype(int)
     across, down = (column - left)[:, None], (row - top)[:, None]
 
     def at(r: np.ndarray, c: np.ndarray) -> np.ndarray:
-        return texture[r % side, c % side]
+        return texture[r % height, c % width]
 
     upper = at(top, left) * (1 - across) + at(top, left + 1) * across
     lower = at(top + 1, left) * (1 - across) + at(top + 1, left + 1) * across

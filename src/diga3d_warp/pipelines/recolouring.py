@@ -17,7 +17,7 @@ from diga3d_warp.gaussians.lift import lifted_colors, object_share
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.kernels.harmonics import C0
 from diga3d_warp.objects.repaint import Repainter
-from diga3d_warp.objects.surface import Sight, without_floaters
+from diga3d_warp.objects.surface import Sight, pixel_width, without_floaters
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.propagation.references import References
@@ -120,10 +120,7 @@ def recolour(
 
 def _split(gaussians: Gaussians, sights: Sequence[Sight], settings: SplitSettings, seed: int) -> Gaussians:
     """The same gaussians, those wider than the pixels that show them in pieces."""
-    pixel = np.median([
-        float(np.median(sight.depth[sight.mask])) / sight.camera.fy for sight in sights if sight.mask.any()
-    ])  # fmt: skip
-    area = gaussians.scales.sort(dim=1).values[:, 1:].prod(dim=1) / (settings.size * float(pixel)) ** 2
+    area = gaussians.scales.sort(dim=1).values[:, 1:].prod(dim=1) / (settings.size * pixel_width(sights)) ** 2
     pieces = area.ceil().clamp(1, settings.most).long()
     generator = torch.Generator().manual_seed(seed)
     whole = gaussians.select(pieces == 1)

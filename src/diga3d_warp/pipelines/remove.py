@@ -16,6 +16,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 
+import torch
+
 from diga3d_warp.effects.overrides import format_overrides
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
@@ -30,7 +32,7 @@ from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.protocol import Prior
 from diga3d_warp.propagation.references import check_reference_count
 from diga3d_warp.scene.load import load_scene
-from diga3d_warp.scene.scene import Scene
+from diga3d_warp.scene.scene import Scene, View
 
 REFIT = FitSettings(
     iterations=800,
@@ -124,6 +126,36 @@ def remove(
     settings = settings or RemoveSettings()
     prior = prior or ExemplarPrior()
     check_removal(scene, settings)
+    taken = take_out(scene, run, settings, prior, boxes, seed, effects)
+    stages.show_views(run, taken.scene, taken.source, taken.gaussians)
+    stages.finish(run, "refit")
+    return RemoveResult(taken.gaussians, taken.source, run)
+
+
+@dataclass(frozen=True, eq=False)
+class TakenOut:
+    """A scene whose object has been taken out and whose hole is filled.
+
+    Attributes:
+        gaussians: The scene without the object.
+        source: The scene before.
+        rows: Which gaussians of the source were the object's, shape (N,), bool.
+        scene: The capture, with the cameras and masks in use.
+        views: Its training views with widened masks.
+    """
+
+    gaussians: Gaussians
+    source: Gaussians
+    rows: torch.Tensor
+    scene: Scene
+    views: list[View]
+
+
+def take_out(
+    scene: Scene, run: Run, settings: RemoveSettings, prior: Prior, boxes: Sequence[Box], seed: int,
+    effects: Mapping[str, bool | int] | None,
+) -> TakenOut:  # fmt: skip
+    """The stages of a removal, from the fit to the filled hole; arguments as `remove`."""
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.even_exposure(run, scene)
@@ -134,9 +166,7 @@ def remove(
     references = stages.choose_references(run, cleared.views, settings.references, settings.selection, seed)
     fills = stages.fill_views(run, cleared.views, backgrounds, depths, references, prior, seed)
     edited = stages.refit(run, cleared, fills, scene.extent, settings.refit, seed)
-    stages.show_views(run, scene, source, edited)
-    stages.finish(run, "refit")
-    return RemoveResult(edited, source, run)
+    return TakenOut(edited, source, rows, scene, views)
 
 
 def remove_command(

@@ -196,8 +196,13 @@ def lift_object(
         np.save(folder / "object.npy", rows.numpy())
 
     folder = run.stage(LIFT, compute)
-    views = [view.with_mask(read_mask(folder / "masks" / f"{view.name}.png")) for view in scene.views]
-    return torch.from_numpy(np.load(folder / "object.npy")), views
+    return torch.from_numpy(np.load(folder / "object.npy")), with_lifted_masks(run, scene.views)
+
+
+def with_lifted_masks(run: Run, views: Sequence[View]) -> list[View]:
+    """Views, training or held out, with the widened masks that `lift_object` wrote."""
+    folder = run.folder / "stages" / LIFT / "masks"
+    return [view.with_mask(read_mask(folder / f"{view.name}.png")) for view in views]
 
 
 def clear_object(
@@ -347,12 +352,18 @@ def show_views(run: Run, scene: Scene, before: Gaussians | None, after: Gaussian
     _publish_pictures(run, run.stage("views", compute), "views")
 
 
-def finish(run: Run, result: str) -> None:
-    """Publish the splats and the masks of a run."""
+def finish(run: Run, result: str, masks: str = LIFT) -> None:
+    """Publish the splats and the masks of a run.
+
+    Args:
+        run: Whose.
+        result: The stage that made the final splat.
+        masks: The stage that made the masks of all that was edited.
+    """
     run.publish(run.folder / "stages" / result / GAUSSIANS, RESULT)
     if result != "fit":
         run.publish(run.folder / "stages" / "fit" / GAUSSIANS, SOURCE)
-        _publish_pictures(run, run.folder / "stages" / LIFT / "masks", "masks")
+        _publish_pictures(run, run.folder / "stages" / masks / "masks", "masks")
 
 
 def _publish_pictures(run: Run, source: Path, name: str) -> None:

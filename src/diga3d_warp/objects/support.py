@@ -1,0 +1,131 @@
+"""The surface that an object stands on, and the place of another object on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.objects.frame import Frame, frame_of, upward
+from diga3d_warp.objects.surface import Surface, unit
+from diga3d_warp.scene.camera import Camera
+
+
+@dataclass(frozen=True)
+class SupportSettings:
+    """How the plane under an object is found (RANSAC, Fischler and Bolles 1981).
+
+    Attributes:
+        opacity: Least opacity of gaussians that are surface.
+        reach: How far from the object's axis the plane is looked for [object sizes].
+        depth, rise: How far below and above its base [object sizes].
+        tolerance: Distance from a plane that counts as on it [object sizes].
+        tilt: Least cosine between plane and vertical: 20 degrees.
+        trials: Planes that are tried. Half the points on the floor: all but 1e-9 of runs hit it.
+        least: Fewest points of a plane; below, the object stood on nothing that was seen.
+        seed: Of the trials.
+    """
+
+    opacity: float = 0.3
+    reach: float = 1.2
+    depth: float = 0.35
+    rise: float = 0.15
+    tolerance: float = 0.02
+    tilt: float = 0.94
+    trials: int = 300
+    least: int = 30
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where an object goes.
+
+    Attributes:
+        frame: On the support surface, z at right angles to it; its extent is the room that there is.
+        supported: Whether a surface was found; else the frame stands at the old object's base.
+    """
+
+    frame: Frame
+    supported: bool
+
+    def scale(self, extent: np.ndarray) -> float:
+        """How much an asset of this extent (3,) grows, to fill the old object's place but not exceed it."""
+        across, height = self.frame.extent[:2].max(), self.frame.extent[2]
+        return float(min(across / max(extent[:2].max(), 1e-9), height / max(extent[2], 1e-9)))
+
+
+def find_place(
+    surface: Surface, cameras: Sequence[Camera], left: Gaussians, settings: SupportSettings | None = None
+) -> Place:
+    """The place of an object that was taken out.
+
+    Args:
+        surface: Of the object that stood there.
+        cameras: All that saw it.
+        left: The scene without it.
+        settings: Thresholds.
+    """
+    settings = settings or SupportSettings()
+    centers = np.stack([camera.center for camera in cameras])
+    up, middle = upward(cameras), surface.points.mean(axis=0)
+    old = frame_of(surface.points, up, (centers - middle).mean(axis=0))
+    old = _whole(old, centers)
+    size = float(old.extent.max())
+    local = old.inward(left.means[left.opacities > settings.opacity].double().numpy())
+    near = np.hypot(local[:, 0], local[:, 1]) < settings.reach * size
+    near &= (local[:, 2] > -settings.depth * size) & (local[:, 2] < settings.rise * size)
+    plane = _plane(local[near] / size, settings)
+    if plane is None:
+        return Place(old, supported=False)
+    normal, offset = plane
+    axes = old.axes
+    upright = unit(normal @ axes)
+    back = unit(axes[1] - upright * (axes[1] @ upright))
+    base = (offset / normal[2]) * size  # height of the plane under the middle of the object
+    height = max(old.extent[2] - base, 0.25 * size)
+    turned = np.stack([np.cross(back, upright), back, upright])
+    origin = old.origin + base * axes[2]
+    return Place(Frame(origin, turned, np.array([*old.extent[:2], height])), supported=True)
+
+
+def _whole(frame: Frame, centers: np.ndarray) -> Frame:
+    """The frame of all of an object of which cameras on one side saw only the front.
+
+    Its hidden side is taken to be as deep as the object is wide.
+    """
+    towards = unit(frame.inward(centers) * [1, 1, 0])
+    one_sided = float(np.linalg.norm(towards.mean(axis=0)))
+    width, depth = frame.extent[:2]
+    if one_sided < 0.5 or depth >= width:
+        return frame
+    shift = 0.5 * (width - depth) * frame.axes[1]
+    return Frame(frame.origin + shift, frame.axes, np.array([width, width, frame.extent[2]]))
+
+
+def _plane(points: np.ndarray, settings: SupportSettings) -> tuple[np.ndarray, float] | None:
+    """Normal (3,) and offset of the nearly level plane with most points (P, 3); None if none has enough."""
+    if len(points) < settings.least:
+        return None
+    rng = np.random.default_rng(settings.seed)
+    corners = points[rng.integers(0, len(points), (settings.trials, 3))]
+    normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    normals *= np.sign(normals[:, 2:] + 1e-12)
+    level = normals[:, 2] > settings.tilt
+    if not level.any():
+        return None
+    normals, offsets = normals[level], (normals[level] * corners[level, 0]).sum(axis=1)
+    votes = (np.abs(points @ normals.T - offsets) < settings.tolerance).sum(axis=0)
+    best = int(votes.argmax())
+    normal, offset = normals[best], float(offsets[best])
+    for _ in range(3):
+        inside = points[np.abs(points @ normal - offset) < settings.tolerance]
+        if len(inside) < settings.least:
+            return None
+        middle = inside.mean(axis=0)
+        normal = np.linalg.eigh(np.cov((inside - middle).T))[1][:, 0]
+        normal = normal * np.sign(normal[2] + 1e-12)
+        offset = float(middle @ normal)
+    return (normal, offset) if normal[2] > settings.tilt else None

@@ -1,0 +1,159 @@
+"""Stages of replace: the new object at the old one's place in every view, and the fit to those views."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from diga3d_warp.config import Effects
+from diga3d_warp.files import to_bytes, write_image
+from diga3d_warp.gaussians.fit import FitSettings, Target, fit
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.kernels.harmonics import C0
+from diga3d_warp.materials.painting import GAMMA
+from diga3d_warp.objects.asset import Asset, MeshAsset
+from diga3d_warp.objects.frame import Frame
+from diga3d_warp.objects.light import Light, estimate_light
+from diga3d_warp.objects.placement import Placed, PlacedMesh, PlacedSplat
+from diga3d_warp.objects.shadow import Shadow
+from diga3d_warp.objects.support import find_place
+from diga3d_warp.objects.surface import Sight, fuse, pixel_width, unprojected
+from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.scene.scene import View
+from diga3d_warp.splatting.render import render
+
+
+@dataclass(frozen=True)
+class PlacingSettings:
+    """How the new object meets the scene.
+
+    Attributes:
+        behind: How much nearer than the object's front the scene must be to hide it [object sizes]: the
+            depth of the filled floor wavers.
+        shaded: Share of the light that is left under which a gaussian takes the shadow.
+        changed: Share of the light under which a pixel counts as edited.
+    """
+
+    behind: float = 0.12
+    shaded: float = 0.985
+    changed: float = 0.97
+
+
+@dataclass(frozen=True, eq=False)
+class Staged:
+    """The new object in the scene, before the last fit.
+
+    Attributes:
+        gaussians: All of the scene, the new object's last.
+        held: Rows that keep their values, shape (N,), bool.
+        targets: What the training views should show.
+    """
+
+    gaussians: Gaussians
+    held: torch.Tensor
+    targets: list[Target]
+
+
+def place_object(
+    run: Run, views: Sequence[View], others: Sequence[View], sights: Sequence[Sight], cleared: Gaussians,
+    asset: Asset, settings: PlacingSettings,
+) -> Staged:  # fmt: skip
+    """Put an asset where the old object stood, with its shadow, and draw it into every view.
+
+    Args:
+        run: Where to.
+        views: Training views with widened masks.
+        others: Held-out views with widened masks: they only get a mask that holds the new object, too.
+        sights: The old object in the training views.
+        cleared: The scene without it.
+        asset: The new object.
+        settings: How they meet.
+    """
+
+    def compute(folder: Path) -> None:
+        surface = fuse(sights)
+        around = np.concatenate([sight.image.reshape(-1, 3)[::7] for sight in sights])
+        light = estimate_light(surface.normals, surface.colors, around)
+        place = find_place(surface, [view.camera for view in views], cleared)
+        if not place.supported:
+            run.note("no surface was found under the object; the new one stands at the height of its base")
+        scale = place.scale(asset.extent)
+        effects = replace(run.effects, depth=True)
+        placed, shadow = _put(asset, place.frame, scale, light, effects)
+        for view in [*views, *others]:
+            image, depth, edited = _composed(cleared, placed, shadow, view, scale, settings, effects)
+            write_image(folder / "masks" / f"{view.name}.png", stages.mask_of(view) | edited)
+            write_image(folder / f"{view.name}.png", image)
+            np.save(folder / f"{view.name}.npy", depth)
+        dark, shaded = _darkened(cleared, shadow, settings)
+        added = placed.gaussians(pixel_width(sights), dark.sh.shape[1])
+        dark.joined(added).save_ply(folder / stages.GAUSSIANS)
+        held = np.concatenate([~shaded, np.zeros(len(added), bool)])
+        np.save(folder / "held.npy", held)
+
+    folder = run.stage("place", compute)
+    targets = []
+    for view in views:
+        pixels = to_bytes(stages.read_picture(folder / f"{view.name}.png"))
+        depth = torch.from_numpy(np.load(folder / f"{view.name}.npy"))
+        targets.append(Target(view.camera, torch.from_numpy(pixels), depth=depth))
+    held = torch.from_numpy(np.load(folder / "held.npy"))
+    return Staged(Gaussians.load_ply(folder / stages.GAUSSIANS), held, targets)
+
+
+def settle(run: Run, staged: Staged, extent: float, settings: FitSettings, seed: int) -> Gaussians:
+    """Fit the new object and the shaded floor to the composed views."""
+
+    def compute(folder: Path) -> None:
+        result = fit(
+            staged.gaussians, staged.targets, extent, settings, effects=run.effects, seed=seed,
+            held=staged.held, checkpoint=folder / "checkpoint.pt", progress=True, label="settle",
+        )  # fmt: skip
+        stages.keep_fit(folder, result)
+
+    return stages.fitted(run, "settle", compute)
+
+
+def _put(asset: Asset, frame: Frame, scale: float, light: Light, effects: Effects) -> tuple[Placed, Shadow]:
+    if isinstance(asset, MeshAsset):
+        mesh = asset.vertices, asset.faces
+        return PlacedMesh(asset, frame, scale, light), Shadow(*mesh, frame, scale, light)
+    return PlacedSplat(asset, frame, scale, effects), Shadow(*asset.hull, frame, scale, light)
+
+
+def _composed(
+    cleared: Gaussians, placed: Placed, shadow: Shadow, view: View, scale: float, settings: PlacingSettings,
+    effects: Effects,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """A view with the new object: its image, its depth, and where it differs from the cleared one."""
+    camera = view.camera
+    with torch.no_grad():
+        seen = render(cleared, camera, effects=effects)
+    base, behind = seen.color.clamp(0.0, 1.0).numpy(), seen.depth.numpy()
+    color, coverage, depth = placed.look(camera)
+    hidden = (behind > 0) & (behind < depth - settings.behind * scale)
+    coverage = np.where(hidden, 0.0, coverage)[..., None]
+    color = np.where(hidden[..., None], 0.0, color)
+    light = shadow.at(unprojected(behind, camera).reshape(-1, 3)).reshape(behind.shape)
+    light = np.where(behind > 0, light, 1.0)
+    image = base * (light ** (1.0 / GAMMA))[..., None] * (1.0 - coverage) + color
+    covered = coverage[..., 0] > 0.5
+    edited = (coverage[..., 0] > 0.02) | (light < settings.changed)
+    return image.clip(0, 1), np.where(covered, depth, behind).astype(np.float32), edited
+
+
+def _darkened(cleared: Gaussians, shadow: Shadow, settings: PlacingSettings) -> tuple[Gaussians, np.ndarray]:
+    """The scene with the shadow on its gaussians, and which of them it falls on, shape (N,), bool."""
+    light = shadow.at(cleared.means.double().numpy())
+    shaded = light < settings.shaded
+    factor = torch.from_numpy(np.where(shaded, light ** (1.0 / GAMMA), 1.0).astype(np.float32))
+    dark = cleared.detached()
+    dark.sh *= factor[:, None, None]
+    # A colour is 0.5 + C0 * dc + ..., and the factor is for all of it.
+    dark.sh[:, 0] += ((factor - 1.0) * 0.5 / C0)[:, None]
+    return dark, shaded
