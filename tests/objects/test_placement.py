@@ -13,6 +13,7 @@ from diga3d_warp.objects.shadow import Shadow
 from diga3d_warp.objects.solids import solid_of
 from diga3d_warp.objects.support import find_place
 from diga3d_warp.objects.surface import fuse
+from diga3d_warp.scene.camera import look_at
 from diga3d_warp.scene.scene import Points
 from diga3d_warp.splatting.render import render
 
@@ -80,6 +81,14 @@ def test_gaussians_of_a_solid_look_like_the_solid(cube):
         assert drawn.alpha.numpy()[coverage == 0].mean() < 0.06, "half a gaussian's width beyond the rim"
         assert np.abs(drawn.color.numpy() - color)[inside].mean() < 0.05
         assert np.abs(drawn.depth.numpy() - depth)[inside].mean() < 0.02
+
+
+def test_a_camera_that_looks_elsewhere_sees_nothing(cube):
+    camera = ring(1)[0]
+    away = camera.with_pose(look_at(camera.center, camera.center + (camera.center - CENTER)))
+    beside = camera.with_pose(look_at(camera.center, CENTER + [0.0, 40.0, 0.0]))
+    for each in (away, beside):
+        assert all(plane.shape[:2] == (96, 96) and not plane.any() for plane in cube.look(each))
 
 
 def test_the_sides_of_a_solid_are_lit_by_their_direction():

@@ -94,21 +94,33 @@ class PlacedMesh:
         grid = self.settings.supersampling
         fine = camera.resized(camera.width * grid, camera.height * grid)
         rays = optics_of(fine).rays.reshape(-1, 2).astype(np.float64)
-        rays = np.where(np.isfinite(rays), rays, 0.0)
         directions = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
         length = np.linalg.norm(directions, axis=1)
-        world = (directions / length[:, None]) @ camera.pose[:3, :3]
+        near = np.flatnonzero(np.isfinite(length) & self._may_meet(rays, camera))
+        if len(near) == 0:
+            nothing = np.zeros((camera.height, camera.width), np.float32)
+            return np.zeros((camera.height, camera.width, 3), np.float32), nothing, nothing
+        world = (directions[near] / length[near, None]) @ camera.pose[:3, :3]
         face, distance, weights = self._cast(np.broadcast_to(camera.center, world.shape), world)
-        met = face >= 0
-        colors = np.zeros((len(rays), 3))
-        points = camera.center + world[met] * distance[met, None]
-        colors[met] = self._lit(face[met], weights[met], points)
+        hit = face >= 0
+        points = camera.center + world[hit] * distance[hit, None]
+        colors, depths = np.zeros((len(rays), 3)), np.full(len(rays), np.inf)
+        colors[near[hit]] = self._lit(face[hit], weights[hit], points)
+        depths[near[hit]] = distance[hit] / length[near[hit]]
         shape = (camera.height, grid, camera.width, grid)
-        coverage = met.reshape(shape).mean(axis=(1, 3))
+        coverage = np.isfinite(depths).reshape(shape).mean(axis=(1, 3))
         color = colors.reshape(*shape, 3).mean(axis=(1, 3))
-        depth = np.where(met, distance / length, np.inf).reshape(shape).min(axis=(1, 3))
+        depth = depths.reshape(shape).min(axis=(1, 3))
         depth = np.where(np.isfinite(depth), depth, 0.0)
         return color.astype(np.float32), coverage.astype(np.float32), depth.astype(np.float32)
+
+    def _may_meet(self, rays: np.ndarray, camera: Camera) -> np.ndarray:
+        """Which rays (x / z, y / z) of shape (P, 2) pass the rectangle around all corners, shape (P,)."""
+        local = self.vertices @ camera.pose[:3, :3].T + camera.pose[:3, 3]
+        if local[:, 2].min() < 1e-6:  # partly behind the camera: the rectangle has no meaning
+            return np.ones(len(rays), bool)
+        flat = local[:, :2] / local[:, 2:]
+        return ((rays >= flat.min(axis=0)) & (rays <= flat.max(axis=0))).all(axis=1)
 
     def sample(self, count: int) -> Sample:
         """Points spread evenly over its surface, lit."""

@@ -35,11 +35,15 @@ class PlacingSettings:
     Attributes:
         behind: How much nearer than the object's front the scene must be to hide it [object sizes]: the
             depth of the filled floor wavers.
+        inside: How far behind its front a gaussian still stands before it [object sizes]: within it.
+        blocked: Part of the views in which a gaussian must stand before it, of those that show its place.
         shaded: Share of the light that is left under which a gaussian takes the shadow.
         changed: Share of the light under which a pixel counts as edited.
     """
 
     behind: float = 0.12
+    inside: float = 0.02
+    blocked: float = 0.2
     shaded: float = 0.985
     changed: float = 0.97
 
@@ -85,16 +89,20 @@ def place_object(
         scale = place.scale(asset.extent)
         effects = replace(run.effects, depth=True)
         placed, shadow = _put(asset, place.frame, scale, light, effects)
+        looks = [placed.look(view.camera) for view in views]
+        blocking = _blocking(cleared, views, looks, scale, settings)
+        scene = cleared.select(~blocking)
         for view in [*views, *others]:
-            image, depth, edited = _composed(cleared, placed, shadow, view, scale, settings, effects)
+            image, depth, edited = _composed(scene, placed, shadow, view, scale, settings, effects)
             write_image(folder / "masks" / f"{view.name}.png", stages.mask_of(view) | edited)
             write_image(folder / f"{view.name}.png", image)
             np.save(folder / f"{view.name}.npy", depth)
-        dark, shaded = _darkened(cleared, shadow, settings)
+        dark, shaded = _darkened(scene, shadow, settings)
         added = placed.gaussians(pixel_width(sights), dark.sh.shape[1])
         dark.joined(added).save_ply(folder / stages.GAUSSIANS)
         held = np.concatenate([~shaded, np.zeros(len(added), bool)])
         np.save(folder / "held.npy", held)
+        np.save(folder / "blocking.npy", blocking.numpy())
 
     folder = run.stage("place", compute)
     targets = []
@@ -126,6 +134,31 @@ def _put(asset: Asset, frame: Frame, scale: float, light: Light, effects: Effect
     return PlacedSplat(asset, frame, scale, effects), Shadow(*asset.hull, frame, scale, light)
 
 
+def _blocking(
+    cleared: Gaussians, views: Sequence[View], looks: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    scale: float, settings: PlacingSettings,
+) -> torch.Tensor:  # fmt: skip
+    """Gaussians that stand before the new object where the old one was to be seen, shape (N,), bool.
+
+    Nothing stood there: they are bumps in the fill, which nobody noticed while there was nothing behind them.
+    """
+    means = cleared.means.double().numpy()
+    blocks, shown = np.zeros(len(means)), np.zeros(len(means))
+    for view, (_, coverage, depth) in zip(views, looks, strict=True):
+        camera, pose = view.camera, view.camera.pose
+        x, y, z = (means @ pose[:3, :3].T + pose[:3, 3]).T
+        front = z > 1e-9
+        z = np.where(front, z, 1.0)
+        column = np.floor(camera.fx * x / z + camera.cx).clip(-1, camera.width).astype(int)
+        row = np.floor(camera.fy * y / z + camera.cy).clip(-1, camera.height).astype(int)
+        inside = front & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+        place = row[inside], column[inside]
+        over = (coverage > 0.5) & stages.mask_of(view)
+        shown[inside] += 1
+        blocks[inside] += over[place] & (z[inside] < depth[place] + settings.inside * scale)
+    return torch.from_numpy((shown > 0) & (blocks >= settings.blocked * shown) & (blocks > 0))
+
+
 def _composed(
     cleared: Gaussians, placed: Placed, shadow: Shadow, view: View, scale: float, settings: PlacingSettings,
     effects: Effects,
@@ -136,7 +169,8 @@ def _composed(
         seen = render(cleared, camera, effects=effects)
     base, behind = seen.color.clamp(0.0, 1.0).numpy(), seen.depth.numpy()
     color, coverage, depth = placed.look(camera)
-    hidden = (behind > 0) & (behind < depth - settings.behind * scale)
+    # Where the old object was to be seen, nothing stood before it.
+    hidden = (behind > 0) & (behind < depth - settings.behind * scale) & ~stages.mask_of(view)
     coverage = np.where(hidden, 0.0, coverage)[..., None]
     color = np.where(hidden[..., None], 0.0, color)
     light = shadow.at(unprojected(behind, camera).reshape(-1, 3)).reshape(behind.shape)
