@@ -179,7 +179,7 @@ def parser() -> argparse.ArgumentParser:
         add(
             "bench",
             _bench_kernels,
-            "measure what kernels cost on this machine",
+            "measure what kernels, effects and accuracy cost on this machine",
             "diga3d bench kernels --out run/benchmarks",
         )
     )
@@ -211,44 +211,58 @@ def _add_benchmarks(bench: argparse.ArgumentParser) -> None:
     benchmarks = bench.add_subparsers(
         title="benchmarks", required=True, metavar="BENCHMARK [-h]", parser_class=Parser
     )
-    kernels = benchmarks.add_parser(
+
+    def add(name: str, run: Callable[..., int], summary: str, description: str, repeats: int) -> Parser:
+        benchmark = benchmarks.add_parser(
+            name,
+            help=summary,
+            description=description,
+            epilog=f"example:\n  diga3d bench {name} --out run/benchmarks",
+            formatter_class=Help,
+        )
+        benchmark.set_defaults(run=run)
+        benchmark.add_argument(
+            "--out",
+            type=Path,
+            default=Path("run/benchmarks"),
+            metavar="DIR",
+            help="folder for the page and its plots (default run/benchmarks)",
+        )
+        benchmark.add_argument(
+            "--repeats",
+            type=_positive_int,
+            default=repeats,
+            metavar="N",
+            help=f"times each measurement is repeated (default {repeats})",
+        )
+        return benchmark
+
+    kernels = add(
         "kernels",
-        help="speed of every kernel, against a plain one",
-        description="Measure the speed of every kernel on a seeded scene, against a plain kernel.",
-        epilog="example:\n  diga3d bench kernels --out run/benchmarks",
-        formatter_class=Help,
-    )
-    kernels.set_defaults(run=_bench_kernels)
-    kernels.add_argument(
-        "--out",
-        type=Path,
-        default=Path("run/benchmarks"),
-        metavar="DIR",
-        help="folder for the page and its plots (default run/benchmarks)",
-    )
-    kernels.add_argument(
-        "--repeats", type=_positive_int, default=9, metavar="N", help="times each stage is run (default 9)"
+        _bench_kernels,
+        "speed of every kernel, against a plain one",
+        "Measure the speed of every kernel on a seeded scene, against a plain kernel.",
+        9,
     )
     kernels.add_argument(
         "--sizes", action="store_true", help="cost against the number of gaussians and pixels instead"
     )
-    effects = benchmarks.add_parser(
+    add(
         "effects",
-        help="what each effect costs on, and that it costs nothing off",
-        description="Measure what each effect adds to a training step, and compare the kernels' sources.",
-        epilog="example:\n  diga3d bench effects --out run/benchmarks",
-        formatter_class=Help,
+        _bench_effects,
+        "what each effect costs on, and that it costs nothing off",
+        "Measure what each effect adds to a training step, and compare the kernels' sources.",
+        25,
     )
-    effects.set_defaults(run=_bench_effects)
-    effects.add_argument(
-        "--out",
-        type=Path,
-        default=Path("run/benchmarks"),
-        metavar="DIR",
-        help="folder for the page and its plots (default run/benchmarks)",
+    accuracy = add(
+        "accuracy",
+        _bench_accuracy,
+        "what each knob of accuracy costs in error and in time",
+        "Measure error and time of every knob of accuracy, on easy and on hard scenes.",
+        5,
     )
-    effects.add_argument(
-        "--repeats", type=_positive_int, default=25, metavar="N", help="times each step is run (default 25)"
+    accuracy.add_argument(
+        "--scene", type=Path, metavar="DIR", help="a run, or a capture with a splat, to be measured too"
     )
 
 
@@ -452,6 +466,15 @@ def _bench_kernels(out: Path, repeats: int, sizes: bool) -> int:
     for table in bench_sizes(out, repeats) if sizes else bench_kernels(out, repeats, Garden()):
         print(table.text())
     print(out / ("sizes.md" if sizes else "kernels.md"))
+    return 0
+
+
+def _bench_accuracy(out: Path, repeats: int, scene: Path | None) -> int:
+    from diga3d_warp.bench.accuracy.page import bench_accuracy
+
+    for table in bench_accuracy(out, repeats, scene):
+        print(table.text())
+    print(out / "accuracy.md")
     return 0
 
 
