@@ -24,7 +24,10 @@ def unet_config(width: int, in_channels: int) -> dict:
 
 
 def random_prior(width: int, device: str, controls: tuple[str, ...] = ()) -> StableDiffusionPrior:
-    """A 9-channel inpainting prior with ControlNets, of any width; it has no tokenizer."""
+    """A 9-channel inpainting prior with ControlNets, of any width; it has no tokenizer.
+
+    Narrower than the real one it gets a text model of one layer, which nothing here asks.
+    """
     from diffusers import AutoencoderKL, ControlNetModel, UNet2DConditionModel
     from transformers import CLIPTextConfig, CLIPTextModel
 
@@ -40,7 +43,10 @@ def random_prior(width: int, device: str, controls: tuple[str, ...] = ()) -> Sta
     )
     text = CLIPTextModel(
         CLIPTextConfig(
-            hidden_size=CROSS, intermediate_size=3072, num_hidden_layers=12, num_attention_heads=12
+            hidden_size=CROSS,
+            intermediate_size=3072,
+            num_hidden_layers=12 if width == WIDTH else 1,
+            num_attention_heads=12,
         )
     )
     plain = UNet2DConditionModel(**unet_config(width, 4)) if controls else None
