@@ -7,6 +7,7 @@ import time
 import pytest
 
 from diga3d_warp import cli
+from diga3d_warp.config import ACCURACIES
 from diga3d_warp.errors import InputError
 
 COMMANDS = ["fit", "remove", "retexture", "replace", "render", "eval", "doctor", "synthetic", "demo", "bench"]
@@ -66,6 +67,7 @@ def test_help_loads_nothing_heavy():
         (["fit", "scene", "--out", "run", "--hold-out", "-1"], "--hold-out"),
         (["remove", "scene", "--out", "run", "--prior", "magic"], "'magic'"),
         (["render", "run", "--size", "640"], "640x480"),
+        (["fit", "scene", "--out", "run", "--accuracy", "best"], "'draft', 'standard', 'exact'"),
     ],
 )
 def test_bad_arguments_are_one_line(words, said, capsys):
@@ -110,11 +112,17 @@ def test_defaults_are_handed_over(monkeypatch):
         "masks": None,
         "image_scale": 1.0,
         "iterations": None,
+        "accuracy": "standard",
         "hold_out": 8,
         "seed": 0,
         "resume": False,
         "effects": {},
     }
+
+
+def test_every_accuracy_that_can_be_named_is_there():
+    for name in ACCURACIES:
+        assert cli.parser().parse_args(["render", "run", "--accuracy", name]).accuracy == name
 
 
 def test_error_over_several_lines_becomes_one(monkeypatch, capsys):

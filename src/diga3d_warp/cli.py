@@ -163,6 +163,8 @@ def parser() -> argparse.ArgumentParser:
         "--size", type=_size, metavar="WxH", help="size of a frame in pixels (default that of the first view)"
     )
 
+    _add_accuracy(render, "of the frames")
+
     evaluate = add("eval", _evaluate, "measure a run on held-out views", "diga3d eval run/statue")
     evaluate.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished run")
     evaluate.add_argument(
@@ -296,8 +298,18 @@ def _add_run_options(command: argparse.ArgumentParser) -> None:
         metavar="LIST",
         help="insist on effects, such as sh_degree=1,exposure=off (default: by the scene)",
     )
+    _add_accuracy(command, "of the renderings that are fitted")
     command.add_argument("--seed", type=_seed, default=0, metavar="N", help="(default 0)")
     command.add_argument("--resume", action="store_true", help="go on with an interrupted run")
+
+
+def _add_accuracy(command: argparse.ArgumentParser, of_what: str) -> None:
+    command.add_argument(
+        "--accuracy",
+        choices=["draft", "standard", "exact"],
+        default="standard",
+        help=f"{of_what}, against their time (default standard)",
+    )
 
 
 def _add_mask_boxes(command: argparse.ArgumentParser) -> None:
@@ -426,10 +438,13 @@ def _show_run(run: Any) -> int:
     return 0
 
 
-def _render(folder: Path, out: Path | None, path: str, frames: int, size: tuple[int, int] | None) -> int:
+def _render(
+    folder: Path, out: Path | None, path: str, frames: int, size: tuple[int, int] | None, accuracy: str
+) -> int:
+    from diga3d_warp.config import ACCURACIES
     from diga3d_warp.pipelines.render import render_path
 
-    print(render_path(folder, out, path=path, frames=frames, size=size))
+    print(render_path(folder, out, path=path, frames=frames, size=size, accuracy=ACCURACIES[accuracy]))
     return 0
 
 

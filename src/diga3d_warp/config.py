@@ -111,6 +111,9 @@ Accuracy.DRAFT = Accuracy(alpha_min=1.0 / 64.0, transmittance_min=1e-2, exp_degr
 Accuracy.STANDARD = Accuracy()
 Accuracy.EXACT = Accuracy(alpha_min=1e-7, transmittance_min=1e-7, footprint="unscented", pixel_order=True)
 
+ACCURACIES = {"draft": Accuracy.DRAFT, "standard": Accuracy.STANDARD, "exact": Accuracy.EXACT}
+"""The presets by the names that `--accuracy` takes."""
+
 
 @dataclass(frozen=True)
 class Effects:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from diga3d_warp.config import Accuracy
 from diga3d_warp.gaussians import fit as fitting
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import CURVE_INTERVAL, FitSettings, Target, fit
@@ -72,6 +73,13 @@ def same(a: Gaussians, b: Gaussians) -> bool:
 def whole(start, targets):
     """The fit that nothing disturbed."""
     return fit(start, targets, 1.0, SETTINGS, seed=3)
+
+
+def test_renderings_are_as_accurate_as_wanted(start, targets):
+    few = replace(SETTINGS, iterations=3)
+    standard = fit(start, targets, 1.0, few).gaussians
+    draft = fit(start, targets, 1.0, replace(few, accuracy=Accuracy.DRAFT)).gaussians
+    assert 0.0 < (draft.sh - standard.sh).abs().max() < 0.1
 
 
 def test_the_fit_comes_closer(whole, start, targets):

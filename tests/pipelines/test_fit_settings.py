@@ -1,4 +1,4 @@
-"""How long and how large a fit is, by the size of the capture."""
+"""How long, how large and how accurate a fit is."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 import torch
 
+from diga3d_warp import cli
+from diga3d_warp.config import Accuracy
 from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.pipelines import fit as fitting
 from diga3d_warp.pipelines.fit import BUDGET_LEAST, BUDGET_MOST, ITERATIONS_MOST, fit_settings
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.scene import Points, Scene, View
@@ -38,3 +41,25 @@ def test_the_users_number_of_iterations_stands(scene):
 def test_more_points_get_more_gaussians(scene, count, budget):
     points = Points(np.zeros((count, 3), np.float32), np.zeros((count, 3), np.uint8))
     assert fit_settings(replace(scene, points=points), None).budget == budget
+
+
+def test_the_wanted_accuracy_is_fitted_and_recorded(scene, monkeypatch):
+    class Fitted(Exception):
+        """Carries what a fit was begun with."""
+
+    recorded = {}
+
+    def begin(folder, command, settings, *, resume):
+        recorded.update(settings)
+
+    def fit_source(run, capture, settings, seed):
+        raise Fitted(settings)
+
+    monkeypatch.setattr(fitting, "load_scene", lambda *_, **__: scene)
+    monkeypatch.setattr(fitting, "Run", begin)
+    monkeypatch.setattr(fitting.stages, "begin", lambda run, capture, effects: capture)
+    monkeypatch.setattr(fitting.stages, "fit_source", fit_source)
+    with pytest.raises(Fitted) as fit:
+        cli.main(["fit", "room", "--out", "run", "--accuracy", "draft"])
+    assert fit.value.args[0].accuracy == Accuracy.DRAFT
+    assert recorded["accuracy"] == "draft"

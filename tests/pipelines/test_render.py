@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from diga3d_warp.config import Accuracy
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.record import RESULT
 from diga3d_warp.gaussians.parameters import Gaussians
@@ -43,6 +44,15 @@ def test_frames_at_the_views_are_the_views(toy_run):
     picture = cv2.imread(str(out / "0002.png"))[..., ::-1]
     assert picture.shape == (36, 48, 3)
     np.testing.assert_allclose(picture, expected, atol=0.51)
+
+
+def test_frames_follow_the_accuracy(toy_run, tmp_path):
+    folders = [
+        render_path(toy_run.folder, tmp_path / name, path="views", accuracy=accuracy)
+        for name, accuracy in (("draft", Accuracy.DRAFT), ("standard", Accuracy.STANDARD))
+    ]
+    draft, standard = (cv2.imread(str(folder / "0002.png")).astype(float) for folder in folders)
+    assert 0.0 < np.abs(draft - standard).mean() < 5.0
 
 
 def test_default_is_a_video_in_the_run(toy_run, capfd):

@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 
-from diga3d_warp.config import Effects
+from diga3d_warp.config import Accuracy, Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import whole_file
 from diga3d_warp.gaussians.density import DensitySettings, relocate_and_grow, walk
@@ -43,6 +43,7 @@ class FitSettings:
         rates: Learning rates.
         density: Density control.
         checkpoint_seconds: Time between two checkpoints [s].
+        accuracy: Of the renderings that are compared with the targets.
     """
 
     iterations: int = 3000
@@ -56,6 +57,7 @@ class FitSettings:
     rates: LearningRates = field(default_factory=LearningRates)
     density: DensitySettings = field(default_factory=DensitySettings)
     checkpoint_seconds: float = 20.0
+    accuracy: Accuracy = Accuracy.STANDARD
 
 
 Guide = Callable[[torch.Tensor, float, torch.Generator], torch.Tensor]
@@ -219,7 +221,7 @@ class _Fit:
         gaussians = self.optimiser.gaussians()
         with_depth = s.depth_weight > 0.0 and target.depth is not None
         effects = replace(self.effects, sh_degree=self._degree(done), depth=with_depth)
-        rendering = render(gaussians, target.camera, effects=effects)
+        rendering = render(gaussians, target.camera, effects=effects, accuracy=s.accuracy)
         wanted, color = target.color, rendering.color
         if self.exposures:
             color = exposed(color, self.exposures.transforms[index])

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from diga3d_warp.config import ACCURACIES, Accuracy
 from diga3d_warp.effects.overrides import format_overrides
 from diga3d_warp.evaluation.protocols import evaluate
 from diga3d_warp.evaluation.report import write_report
@@ -30,17 +31,17 @@ ITERATIONS_MOST = 6000
 """Most iterations that a fit takes by itself; a user may ask for more."""
 
 
-def fit_settings(scene: Scene, iterations: int | None) -> FitSettings:
+def fit_settings(scene: Scene, iterations: int | None, accuracy: Accuracy = Accuracy.STANDARD) -> FitSettings:
     """The settings of a fit that suit a scene, with another number of iterations if one is given."""
     budget = min(max(BUDGET_PER_POINT * len(scene.points), BUDGET_LEAST), BUDGET_MOST)
     wanted = min(ITERATIONS_PER_VIEW * len(scene.views), ITERATIONS_MOST)
-    settings = FitSettings()
+    settings = FitSettings(accuracy=accuracy)
     return replace(settings, budget=budget, iterations=iterations or max(wanted, settings.iterations))
 
 
 def fit_command(
     scene: Path, out: Path, masks: Path | None, image_scale: float, iterations: int | None, hold_out: int,
-    seed: int, resume: bool, effects: Mapping[str, bool | int],
+    seed: int, resume: bool, effects: Mapping[str, bool | int], accuracy: str,
 ) -> Run:  # fmt: skip
     """`diga3d fit`: read the capture, fit it, measure it, and leave a run folder.
 
@@ -49,13 +50,13 @@ def fit_command(
     """
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     stages.check_splat(capture)
-    settings = fit_settings(capture, iterations)
+    settings = fit_settings(capture, iterations, ACCURACIES[accuracy])
     run = Run(
         out,
         "fit",
         {
             "scene": scene, "masks": masks, "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
-            "iterations": settings.iterations, "effects": format_overrides(effects),
+            "iterations": settings.iterations, "accuracy": accuracy, "effects": format_overrides(effects),
         },
         resume=resume,
     )  # fmt: skip

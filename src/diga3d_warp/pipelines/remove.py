@@ -18,6 +18,7 @@ from pathlib import Path
 
 import torch
 
+from diga3d_warp.config import ACCURACIES
 from diga3d_warp.effects.overrides import format_overrides
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
@@ -172,7 +173,7 @@ def take_out(
 def remove_command(
     scene: Path, out: Path, masks: Path | None, mask_boxes: Sequence[Sequence[str]], image_scale: float,
     iterations: int | None, hold_out: int, seed: int, resume: bool, effects: Mapping[str, bool | int],
-    prior: str, references: int, selection: str,
+    accuracy: str, prior: str, references: int, selection: str,
 ) -> Run:  # fmt: skip
     """`diga3d remove`: read the capture, remove the object, measure, and leave a run folder.
 
@@ -181,8 +182,11 @@ def remove_command(
     """
     boxes = read_boxes(mask_boxes, masks)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
-    settings = replace(
-        RemoveSettings(), fit=fit_settings(capture, iterations), references=references, selection=selection
+    settings = RemoveSettings(
+        fit=fit_settings(capture, iterations, ACCURACIES[accuracy]),
+        refit=replace(REFIT, accuracy=ACCURACIES[accuracy]),
+        references=references,
+        selection=selection,
     )
     check_removal(boxing.boxed(capture, boxes), settings)
     run = Run(
@@ -191,8 +195,8 @@ def remove_command(
         {
             "scene": scene, "masks": masks, "mask_boxes": [astuple(box) for box in boxes],
             "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
-            "iterations": settings.fit.iterations, "prior": prior, "references": references,
-            "selection": selection, "effects": format_overrides(effects),
+            "iterations": settings.fit.iterations, "accuracy": accuracy, "prior": prior,
+            "references": references, "selection": selection, "effects": format_overrides(effects),
         },
         resume=resume,
     )  # fmt: skip

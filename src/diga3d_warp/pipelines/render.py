@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from diga3d_warp.config import Effects
+from diga3d_warp.config import Accuracy, Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.paths import fly_through
 from diga3d_warp.evaluation.record import CAMERAS, RESULT, read_manifest, run_effects
@@ -38,6 +38,7 @@ def render_path(
     path: str = "spline",
     frames: int = 120,
     size: tuple[int, int] | None = None,
+    accuracy: Accuracy = Accuracy.STANDARD,
 ) -> Path:
     """Render the result of a run along a camera path.
 
@@ -49,6 +50,7 @@ def render_path(
         frames: Number of frames of a spline.
         size: Width and height of a frame [px]; those of the first view if None. The horizontal field of view
             stays. A video takes even sizes only: an odd row or column is cut off.
+        accuracy: What to give up for time.
 
     Returns:
         Where the video or the frames are.
@@ -65,7 +67,8 @@ def render_path(
     views = list(load_cameras(folder / CAMERAS).train.values())
     cameras = fly_through(views, frames) if path == "spline" else views
     width, height = size or (cameras[0].width, cameras[0].height)
-    pictures = _render(folder / RESULT, [_framed(camera, width, height) for camera in cameras], effects)
+    framed = [_framed(camera, width, height) for camera in cameras]
+    pictures = _render(folder / RESULT, framed, effects, accuracy)
     if out.suffix in CODECS:
         _write_video(out, pictures, width, height)
     else:
@@ -109,11 +112,11 @@ def _framed(camera: Camera, width: int, height: int) -> Camera:
     )
 
 
-def _render(ply: Path, cameras: list[Camera], effects: Effects) -> Iterator[np.ndarray]:
+def _render(ply: Path, cameras: list[Camera], effects: Effects, accuracy: Accuracy) -> Iterator[np.ndarray]:
     gaussians = Gaussians.load_ply(ply)
     for camera in tqdm(cameras, desc="render", unit="frame"):
         with torch.no_grad():
-            yield to_bytes(render(gaussians, camera, effects=effects).color)
+            yield to_bytes(render(gaussians, camera, effects=effects, accuracy=accuracy).color)
 
 
 def _write_frames(out: Path, pictures: Iterable[np.ndarray]) -> None:

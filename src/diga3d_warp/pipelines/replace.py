@@ -13,6 +13,7 @@ from dataclasses import astuple, dataclass, field
 from dataclasses import replace as with_changes
 from pathlib import Path
 
+from diga3d_warp.config import ACCURACIES
 from diga3d_warp.effects.overrides import format_overrides
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
@@ -23,7 +24,7 @@ from diga3d_warp.objects.solids import solid_of
 from diga3d_warp.perception.boxes import Box, read_boxes
 from diga3d_warp.pipelines import boxing, placing, recolouring, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
-from diga3d_warp.pipelines.remove import PRIORS, RemoveSettings, check_removal, take_out
+from diga3d_warp.pipelines.remove import PRIORS, REFIT, RemoveSettings, check_removal, take_out
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.protocol import Prior
@@ -118,8 +119,8 @@ def replace(
 def replace_command(
     scene: Path, prompt: str | None, asset: Path | None, out: Path, masks: Path | None,
     mask_boxes: Sequence[Sequence[str]], image_scale: float, iterations: int | None, hold_out: int,
-    seed: int, resume: bool, effects: Mapping[str, bool | int], prior: str, references: int,
-    selection: str,
+    seed: int, resume: bool, effects: Mapping[str, bool | int], accuracy: str, prior: str,
+    references: int, selection: str,
 ) -> Run:  # fmt: skip
     """`diga3d replace`: read the capture, replace the object, measure, and leave a run folder.
 
@@ -129,9 +130,13 @@ def replace_command(
     new = read_asset(asset) if asset is not None else solid_of(prompt or "", seed)
     boxes = read_boxes(mask_boxes, masks)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
-    removal = with_changes(
-        RemoveSettings(), fit=fit_settings(capture, iterations), references=references, selection=selection
+    removal = RemoveSettings(
+        fit=fit_settings(capture, iterations, ACCURACIES[accuracy]),
+        refit=with_changes(REFIT, accuracy=ACCURACIES[accuracy]),
+        references=references,
+        selection=selection,
     )
+    settings = ReplaceSettings(removal, settle=with_changes(SETTLE, accuracy=ACCURACIES[accuracy]))
     check_removal(boxing.boxed(capture, boxes), removal)
     run = Run(
         out,
@@ -139,14 +144,14 @@ def replace_command(
         {
             "scene": scene, "prompt": prompt, "asset": asset, "masks": masks,
             "mask_boxes": [astuple(box) for box in boxes], "image_scale": image_scale, "hold_out": hold_out,
-            "seed": seed, "iterations": removal.fit.iterations, "prior": prior, "references": references,
-            "selection": selection, "effects": format_overrides(effects),
+            "seed": seed, "iterations": removal.fit.iterations, "accuracy": accuracy, "prior": prior,
+            "references": references, "selection": selection, "effects": format_overrides(effects),
         },
         resume=resume,
     )  # fmt: skip
     replace(
-        capture, prompt or "", run, ReplaceSettings(removal), asset=new, prior=PRIORS[prior](), boxes=boxes,
-        seed=seed, effects=effects,
+        capture, prompt or "", run, settings, asset=new, prior=PRIORS[prior](), boxes=boxes, seed=seed,
+        effects=effects,
     )  # fmt: skip
     conclude(run, capture)
     return run

@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 
+from diga3d_warp.config import ACCURACIES
 from diga3d_warp.effects.overrides import format_overrides
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
@@ -144,7 +145,7 @@ def retexture(
 def retexture_command(
     scene: Path, prompt: str, out: Path, masks: Path | None, mask_boxes: Sequence[Sequence[str]],
     image_scale: float, iterations: int | None, hold_out: int, seed: int, resume: bool,
-    effects: Mapping[str, bool | int], references: int, selection: str,
+    effects: Mapping[str, bool | int], accuracy: str, references: int, selection: str,
 ) -> Run:  # fmt: skip
     """`diga3d retexture`: read the capture, change the object's material, measure, leave a run folder.
 
@@ -154,8 +155,11 @@ def retexture_command(
     repainter = MaterialRepainter(material_of(prompt))
     boxes = read_boxes(mask_boxes, masks)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
-    settings = replace(
-        RetextureSettings(), fit=fit_settings(capture, iterations), references=references, selection=selection
+    settings = RetextureSettings(
+        fit=fit_settings(capture, iterations, ACCURACIES[accuracy]),
+        refit=replace(RECOLOUR, accuracy=ACCURACIES[accuracy]),
+        references=references,
+        selection=selection,
     )
     check_retexture(boxing.boxed(capture, boxes), settings)
     run = Run(
@@ -163,8 +167,8 @@ def retexture_command(
         "retexture",
         {
             "scene": scene, "prompt": prompt, "masks": masks, "mask_boxes": [astuple(box) for box in boxes],
-            "image_scale": image_scale,
-            "hold_out": hold_out, "seed": seed, "iterations": settings.fit.iterations,
+            "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
+            "iterations": settings.fit.iterations, "accuracy": accuracy,
             "references": references, "selection": selection, "effects": format_overrides(effects),
         },
         resume=resume,

@@ -60,7 +60,8 @@ are the best of the repeats, in those of STANDARD in the same run. The front hol
 nothing is as exact and faster, or as fast and more exact. Times within 3 % and errors within 1 % count as
 equal.
 
-A kernel is compiled for the values that it needs, so what is not turned costs nothing.
+`diga3d fit`, `remove`, `retexture`, `replace` and `render` take a preset by `--accuracy`, Python takes any
+`Accuracy`. A kernel is compiled for the values that it needs, so what is not turned costs nothing.
 
 """
 
