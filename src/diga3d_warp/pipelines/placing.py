@@ -35,6 +35,10 @@ class PlacingSettings:
     Attributes:
         behind: How much nearer than the object's front the scene must be to hide it [object sizes]: the
             depth of the filled floor wavers.
+        around: How far around the middle the support reaches for certain [object sizes].
+        room: How far around the middle the object itself reaches, with a margin [object sizes].
+        floor: Height up to which a gaussian is the support itself [object sizes].
+        low: Height up to which anything around is the support, or a bump in it [object sizes].
         inside: How far behind its front a gaussian still stands before it [object sizes]: within it.
         blocked: Part of the views in which a gaussian must stand before it, of those that show its place.
         shaded: Share of the light that is left under which a gaussian takes the shadow.
@@ -42,6 +46,10 @@ class PlacingSettings:
     """
 
     behind: float = 0.12
+    around: float = 1.2
+    room: float = 0.8
+    floor: float = 0.04
+    low: float = 0.35
     inside: float = 0.02
     blocked: float = 0.2
     shaded: float = 0.985
@@ -61,6 +69,34 @@ class Staged:
     gaussians: Gaussians
     held: torch.Tensor
     targets: list[Target]
+
+
+@dataclass(frozen=True, eq=False)
+class _Stand:
+    """Where the new object stands.
+
+    Attributes:
+        frame: Its place.
+        scale: Its size [scene units].
+        settings: How it meets the scene.
+    """
+
+    frame: Frame
+    scale: float
+    settings: PlacingSettings
+
+    def emptied(self, points: np.ndarray, base: float | None = None) -> np.ndarray:
+        """Points (P, 3) where nothing real can be: in the object's room, or low around it, shape (P,), bool.
+
+        Args:
+            points: World space.
+            base: Height from which on they count [object sizes]; `PlacingSettings.floor` if None.
+        """
+        local = self.frame.inward(points) / self.scale
+        away = np.hypot(local[:, 0], local[:, 1])
+        top = np.where(away < self.settings.room, 1.0 + self.settings.low, self.settings.low)
+        above = self.settings.floor if base is None else base
+        return (away < self.settings.around) & (local[:, 2] > above) & (local[:, 2] < top)
 
 
 def place_object(
@@ -88,12 +124,13 @@ def place_object(
             run.note("no surface was found under the object; the new one stands at the height of its base")
         scale = place.scale(asset.extent)
         effects = replace(run.effects, depth=True)
+        stand = _Stand(place.frame, scale, settings)
         placed, shadow = _put(asset, place.frame, scale, light, effects)
         looks = [placed.look(view.camera) for view in views]
-        blocking = _blocking(cleared, views, looks, scale, settings)
+        blocking = _blocking(cleared, views, looks, stand)
         scene = cleared.select(~blocking)
         for view in [*views, *others]:
-            image, depth, edited = _composed(scene, placed, shadow, view, scale, settings, effects)
+            image, depth, edited = _composed(scene, placed, shadow, view, stand, effects)
             write_image(folder / "masks" / f"{view.name}.png", stages.mask_of(view) | edited)
             write_image(folder / f"{view.name}.png", image)
             np.save(folder / f"{view.name}.npy", depth)
@@ -136,13 +173,15 @@ def _put(asset: Asset, frame: Frame, scale: float, light: Light, effects: Effect
 
 def _blocking(
     cleared: Gaussians, views: Sequence[View], looks: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
-    scale: float, settings: PlacingSettings,
+    stand: _Stand,
 ) -> torch.Tensor:  # fmt: skip
-    """Gaussians that stand before the new object where the old one was to be seen, shape (N,), bool.
+    """Gaussians that stand before the new object and cannot be anything real, shape (N,), bool.
 
-    Nothing stood there: they are bumps in the fill, which nobody noticed while there was nothing behind them.
+    They are bumps in the fill, which nobody noticed while there was nothing behind them: where the old object
+    was to be seen nothing stood before it, and what lies low around it is the support.
     """
     means = cleared.means.double().numpy()
+    emptied = stand.emptied(means)
     blocks, shown = np.zeros(len(means)), np.zeros(len(means))
     for view, (_, coverage, depth) in zip(views, looks, strict=True):
         camera, pose = view.camera, view.camera.pose
@@ -153,15 +192,14 @@ def _blocking(
         row = np.floor(camera.fy * y / z + camera.cy).clip(-1, camera.height).astype(int)
         inside = front & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
         place = row[inside], column[inside]
-        over = (coverage > 0.5) & stages.mask_of(view)
+        over = (coverage[place] > 0.5) & (stages.mask_of(view)[place] | emptied[inside])
         shown[inside] += 1
-        blocks[inside] += over[place] & (z[inside] < depth[place] + settings.inside * scale)
-    return torch.from_numpy((shown > 0) & (blocks >= settings.blocked * shown) & (blocks > 0))
+        blocks[inside] += over & (z[inside] < depth[place] + stand.settings.inside * stand.scale)
+    return torch.from_numpy((blocks > 0) & (blocks >= stand.settings.blocked * shown))
 
 
 def _composed(
-    cleared: Gaussians, placed: Placed, shadow: Shadow, view: View, scale: float, settings: PlacingSettings,
-    effects: Effects,
+    cleared: Gaussians, placed: Placed, shadow: Shadow, view: View, stand: _Stand, effects: Effects
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """A view with the new object: its image, its depth, and where it differs from the cleared one."""
     camera = view.camera
@@ -169,15 +207,16 @@ def _composed(
         seen = render(cleared, camera, effects=effects)
     base, behind = seen.color.clamp(0.0, 1.0).numpy(), seen.depth.numpy()
     color, coverage, depth = placed.look(camera)
-    # Where the old object was to be seen, nothing stood before it.
-    hidden = (behind > 0) & (behind < depth - settings.behind * scale) & ~stages.mask_of(view)
+    surface = unprojected(behind, camera).reshape(-1, 3)
+    real = ~stages.mask_of(view) & ~stand.emptied(surface, base=-np.inf).reshape(behind.shape)
+    hidden = real & (behind > 0) & (behind < depth - stand.settings.behind * stand.scale)
     coverage = np.where(hidden, 0.0, coverage)[..., None]
     color = np.where(hidden[..., None], 0.0, color)
-    light = shadow.at(unprojected(behind, camera).reshape(-1, 3)).reshape(behind.shape)
+    light = shadow.at(surface).reshape(behind.shape)
     light = np.where(behind > 0, light, 1.0)
     image = base * (light ** (1.0 / GAMMA))[..., None] * (1.0 - coverage) + color
     covered = coverage[..., 0] > 0.5
-    edited = (coverage[..., 0] > 0.02) | (light < settings.changed)
+    edited = (coverage[..., 0] > 0.02) | (light < stand.settings.changed)
     return image.clip(0, 1), np.where(covered, depth, behind).astype(np.float32), edited
 
 
