@@ -131,7 +131,8 @@ class Effects:
         exposure: Fit an affine colour transform for each image.
         background: Blend a colour behind all gaussians.
         pixel_order: As in `Accuracy`, for scenes whose large gaussians pop between views.
-        deterministic: Sums in a fixed order. Always so on CPU, where it is free; on CUDA off means atomics.
+        deterministic: Sum the gradients of blending in a fixed order. Always so on CPU, where it is free; on
+            CUDA it means one thread a tile instead of one a pixel and atomic sums.
     """
 
     sh_degree: int | None = None
@@ -143,4 +144,4 @@ class Effects:
     exposure: bool = False
     background: bool = True
     pixel_order: bool = False
-    deterministic: bool = True
+    deterministic: bool = False

@@ -127,7 +127,7 @@ def test_lanes_of_a_gpu_give_the_same(accuracy, monkeypatch, threads):
     results = []
     pixels = values(torch.ones(HEIGHT, WIDTH))
     for lanes in (blending.CPU_LANES, blending.CUDA_LANES):
-        monkeypatch.setattr(attribution, "lanes_of", lambda device, lanes=lanes: lanes)
+        monkeypatch.setattr(attribution, "lanes_of", lambda device, blending, lanes=lanes: lanes)
         results.append([
             *shares(projection(), pixels, accuracy=accuracy),
             *strongest(projection(), WIDTH, HEIGHT, 3, accuracy=accuracy),

@@ -40,6 +40,8 @@ KERNELS = {
     "composite_full": lambda: compositing.forward_kernel(FULL, CUDA),
     "composite_adjoint": lambda: compositing_adjoint.adjoint_kernel(PLAIN, CUDA),
     "composite_adjoint_full": lambda: compositing_adjoint.adjoint_kernel(FULL, CUDA),
+    "composite_deterministic": lambda: compositing.forward_kernel(PLAIN, blending.CPU_LANES),
+    "composite_adjoint_deterministic": lambda: compositing_adjoint.adjoint_kernel(PLAIN, blending.CPU_LANES),
     "ordered": lambda: ordering.ordered_kernel(PLAIN),
     "ordered_full": lambda: ordering.ordered_kernel(FULL),
     "ordered_adjoint": lambda: ordering.ordered_adjoint_kernel(PLAIN, 1),

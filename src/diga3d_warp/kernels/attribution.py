@@ -350,7 +350,7 @@ def shares(
 
 def _attribute(bins, width, height, inputs, outputs, count: int, with_shares: bool, blending) -> None:
     device = bins.starts.device
-    lanes = lanes_of(device)
+    lanes = lanes_of(device, blending)
     if blending.pixel_order:
         kernel = ordered_attribution_kernel(blending, lanes.region, count, with_shares)
     else:

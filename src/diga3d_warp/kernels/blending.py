@@ -9,7 +9,7 @@ Invariants
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -44,6 +44,8 @@ class Blending:
         depth: Blend depths.
         normals: Blend normals.
         median: Find the depth of the gaussian at which transmittance falls below a half.
+        deterministic: One thread a tile on CUDA too, so that gradients are summed in a fixed order. It
+            chooses lanes rather than code, so kernels do not differ by it.
     """
 
     alpha_min: float = Accuracy.alpha_min
@@ -55,6 +57,7 @@ class Blending:
     depth: bool = True
     normals: bool = False
     median: bool = False
+    deterministic: bool = field(default=False, compare=False)
 
     def __post_init__(self) -> None:
         if not 0.0 < self.alpha_min < SPLATTING.alpha_max:
@@ -74,7 +77,7 @@ class Blending:
         return cls(
             accuracy.alpha_min, accuracy.transmittance_min, accuracy.exp_degree, accuracy.precision,
             boxed=accuracy.extent == "circle", pixel_order=accuracy.pixel_order or effects.pixel_order,
-            depth=effects.depth, normals=normals, median=median,
+            depth=effects.depth, normals=normals, median=median, deterministic=effects.deterministic,
         )  # fmt: skip
 
     @property
@@ -108,8 +111,8 @@ CPU_LANES = Lanes(region=TILE, block_width=4, block_height=4)
 CUDA_LANES = Lanes(region=1, block_width=1, block_height=1)
 
 
-def lanes_of(device: wp.Device) -> Lanes:
-    return CPU_LANES if device.is_cpu else CUDA_LANES
+def lanes_of(device: wp.Device, blending: Blending) -> Lanes:
+    return CPU_LANES if device.is_cpu or blending.deterministic else CUDA_LANES
 
 
 def notes_changes(lanes: Lanes) -> bool:

@@ -187,7 +187,7 @@ def composite(
     if blending.pixel_order:
         ordering.composite(bins, width, height, splats, outputs, blending)
         return wp.zeros(0, dtype=int, device=device)
-    lanes = lanes_of(device)
+    lanes = lanes_of(device, blending)
     changes = wp.zeros(bins.pair_count if notes_changes(lanes) else 0, dtype=int, device=device)
     launch(
         forward_kernel(blending, lanes),

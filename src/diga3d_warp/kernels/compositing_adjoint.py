@@ -235,7 +235,7 @@ def composite_adjoint(
         ordering.composite_adjoint(bins, width, height, splats, outputs, adj_outputs, adj_splats, blending)
         return
     device = bins.starts.device
-    lanes = lanes_of(device)
+    lanes = lanes_of(device, blending)
     rows = wp.zeros(bins.pair_count, dtype=gradient_row(blending), device=device)
     launch(
         adjoint_kernel(blending, lanes),
