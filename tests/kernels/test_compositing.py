@@ -69,7 +69,7 @@ def test_lanes_of_a_gpu_give_the_same_image_and_gradients(monkeypatch, threads):
     results = []
     for lanes in (blending.CPU_LANES, blending.CUDA_LANES):
         for module in (compositing, compositing_adjoint):
-            monkeypatch.setattr(module, "lanes_of", lambda device, lanes=lanes: lanes)
+            monkeypatch.setattr(module, "lanes_of", lambda device, _, lanes=lanes: lanes)
         found, leaves = blended(37, 29)
         oracle.weighted_sum(found, torch.ones(29, 37, dtype=torch.bool)).backward()
         results.append([*found, *(leaf.grad for leaf in leaves.values())])
