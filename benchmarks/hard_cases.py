@@ -10,6 +10,7 @@ from dataclasses import dataclass
 GEOMETRY = "hard_cases/test_geometry.py::"
 BLENDING = "hard_cases/test_blending.py::"
 FLOAT64 = "hard_cases/test_against_float64.py::test_image_and_gradients"
+THREADS = "hard_cases/test_threads.py::"
 POISON = "hard_cases/test_poison.py::test_a_poisoned_gaussian_changes_nothing_for_the_others"
 DIBR = "hard_cases/test_dibr.py::"
 FITS = "hard_cases/test_fits.py::"
@@ -312,7 +313,7 @@ CASES = (
             Guard(ORDERING, "z = depths[i] - wp.dot(slopes[i], offset)", "z = depths[i]",
                 ORDERED + "test_two_gaussians_that_cross_are_each_in_front_on_one_side"),
             Guard(ORDERING, "z > last_depth or (z == last_depth and j > last_pair)", "z > last_depth",
-                ORDERED + "test_equal_depths_keep_the_order_of_the_list"),
+                BLENDING + "test_more_ties_than_one_round_of_per_pixel_order_takes"),
             condition(ORDERING, "raw >= real(wp.static(alpha_max))",
                 ORDERED + "test_values_and_gradients_agree_with_float64"),
         ),
@@ -347,7 +348,7 @@ CASES = (
         (
             Guard(PROJECTION, "adjoint=True, device=device, work=8, align=POSE_GROUP,",
                 "adjoint=True, device=device, work=8,",
-                "kernels/test_projection.py::test_bits_do_not_depend_on_the_number_of_threads"),
+                THREADS + "test_bits_do_not_depend_on_which_part_runs_first"),
         ),
         ("config.POSE_GROUP",),
     ),
