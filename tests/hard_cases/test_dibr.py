@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from diga3d_warp.config import Accuracy
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.reproject import Warp, reproject
 
@@ -110,6 +111,20 @@ def test_a_fold_shows_its_front():
     turned = Camera(WIDTH, HEIGHT, 2.0, 2.0, 8.0 + WIDTH / 2, HEIGHT / 2, camera(far_side).world_to_camera)
     behind, _, _ = carried(depth, turned)
     assert not behind.visible.any()
+
+
+@pytest.mark.parametrize("sampling", ["bilinear", "nearest"])
+def test_a_surface_seen_exactly_edge_on_is_not_seen(sampling):
+    """The wall x = 0 is a line through the middle of a column of pixels: its triangles have no area."""
+    sideways = torch.tensor([[0.0, 0, 1, -5], [0, 1, 0, 0], [-1, 0, 0, 5], [0, 0, 0, 1]])
+    source = Camera(WIDTH, HEIGHT, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2, sideways)
+    edge_on = Camera(WIDTH, HEIGHT, FOCAL, FOCAL, WIDTH / 2 + 0.5, HEIGHT / 2, camera().world_to_camera)
+    image, depth = ramp().requires_grad_(), torch.full((HEIGHT, WIDTH), 5.0, requires_grad=True)
+    out = reproject(image, depth, source, edge_on, accuracy=Accuracy(sampling=sampling))
+    (out.image.sum() + out.depth.sum()).backward()
+    for tensor in (out.image, out.depth, image.grad, depth.grad):
+        assert tensor.isfinite().all()
+    assert bool(out.visible.any()) == (sampling == "nearest")  # points have no area anyway
 
 
 @pytest.mark.parametrize("scale", [2.0, 7.0, 15.0])
