@@ -266,6 +266,11 @@ def _add_benchmarks(bench: argparse.ArgumentParser) -> None:
     accuracy.add_argument(
         "--scene", type=Path, metavar="DIR", help="a run, or a capture with a splat, to be measured too"
     )
+    accuracy.add_argument(
+        "--pipeline",
+        action="store_true",
+        help="what references, iterations and diffusion steps of a removal cost instead",
+    )
 
 
 def _add_run_options(command: argparse.ArgumentParser) -> None:
@@ -484,12 +489,13 @@ def _bench_kernels(out: Path, repeats: int, sizes: bool) -> int:
     return 0
 
 
-def _bench_accuracy(out: Path, repeats: int, scene: Path | None) -> int:
+def _bench_accuracy(out: Path, repeats: int, scene: Path | None, pipeline: bool) -> int:
     from diga3d_warp.bench.accuracy.page import bench_accuracy
+    from diga3d_warp.bench.accuracy.pipeline import bench_pipeline
 
-    for table in bench_accuracy(out, repeats, scene):
+    for table in bench_pipeline(out) if pipeline else bench_accuracy(out, repeats, scene):
         print(table.text())
-    print(out / "accuracy.md")
+    print(out / ("accuracy_pipeline.md" if pipeline else "accuracy.md"))
     return 0
 
 

@@ -1,0 +1,168 @@
+"""What references, iterations and diffusion steps bring and cost, on a small synthetic room."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+
+import torch
+
+from diga3d_warp.bench.page import write_page
+from diga3d_warp.evaluation.metrics import Score, compare, mean_scores
+from diga3d_warp.evaluation.record import read_manifest
+from diga3d_warp.evaluation.tables import Table
+from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.pipelines.demo import TRUTH
+from diga3d_warp.pipelines.remove import RemoveResult, RemoveSettings, remove
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.pipelines.stages import widened
+from diga3d_warp.priors.exemplar.prior import ExemplarPrior
+from diga3d_warp.priors.exemplar.settings import FillSettings
+from diga3d_warp.scene.images import read_image
+from diga3d_warp.scene.load import load_scene
+from diga3d_warp.scene.scene import Scene
+from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
+from diga3d_warp.splatting.render import render
+
+ROOM = SyntheticScene(width=160, height=120, views=16, shadows=False, seed=0)
+"""A quarter of the demo's pixels."""
+
+HOLD_OUT = 4
+BUDGET = 12_000
+"""Gaussians of the fit: as many a pixel as in the demo."""
+
+EDITING = ("references", "fill", "refit", "views")
+"""Stages that references and diffusion steps change; a run takes all earlier ones from the run before."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A removal.
+
+    Attributes:
+        iterations: Of the fit of the capture.
+        references: Number K of references.
+        steps: Diffusion steps at the coarsest scale; finer ones take half as many.
+        seed: Of the edit.
+    """
+
+    iterations: int = 600
+    references: int = 3
+    steps: int = FillSettings.steps_first
+    seed: int = 0
+
+    @property
+    def settings(self) -> RemoveSettings:
+        fit = FitSettings(iterations=self.iterations, budget=BUDGET)
+        return RemoveSettings(fit=fit, references=self.references)
+
+    @property
+    def prior(self) -> ExemplarPrior:
+        steps = FillSettings(steps_first=self.steps, steps_next=max(1, self.steps // 2))
+        return ExemplarPrior(settings=steps)
+
+
+USUAL = Trial()
+KNOBS = {
+    "iterations": [replace(USUAL, iterations=count) for count in (150, 300, 600, 1200)],
+    "references": [replace(USUAL, references=count) for count in (1, 3, 5)],
+    "steps": [replace(USUAL, steps=count) for count in (2, 6, 12, 24)],
+    "seed": [replace(USUAL, seed=seed) for seed in (0, 1, 2)],
+}
+"""Trials by the field of a trial that they turn."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a removal took, and how near it came.
+
+    Attributes:
+        fit, fill, refit: Wall times of the stages [s].
+        score: Against the room without the object, mean over held-out views, by region.
+    """
+
+    fit: float
+    fill: float
+    refit: float
+    score: dict[str, Score]
+
+
+def bench_pipeline(out: Path) -> list[Table]:
+    """Measure, and write `accuracy_pipeline.md`.
+
+    Args:
+        out: Folder of the page.
+
+    Returns:
+        The tables of the page.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        capture = generate(ROOM, Path(folder) / "room")
+        scene = load_scene(capture, hold_out=HOLD_OUT)
+        outcomes = dict(outcomes_of(scene, Path(folder)))
+    tables = [trial_table(outcomes)]
+    command = f"diga3d bench accuracy --pipeline --out {out}"
+    write_page(out / "accuracy_pipeline.md", "What a removal's settings cost", command, tables, [], NOTES)
+    return tables
+
+
+NOTES = f"""\
+One setting of `diga3d remove` is turned at a time, on a synthetic room of {ROOM.width} x {ROOM.height} px
+and {ROOM.views} views, every {HOLD_OUT}th held out. PSNR is that of the held-out views against the room
+without the object, over the whole image and within the widened masks. Seconds are wall times of single
+stages, each run once. Another seed of the edit tells how much of a difference is chance.
+"""
+
+
+def outcomes_of(scene: Scene, folder: Path) -> Iterator[tuple[Trial, Outcome]]:
+    """Run each trial once; those that differ from the usual one in the edit alone share its fit."""
+    usual: Run | None = None
+    for index, trial in enumerate(dict.fromkeys([USUAL, *chain(*KNOBS.values())])):
+        run = Run(folder / str(index), "remove", {"scene": scene.path})
+        if usual is not None and trial.iterations == USUAL.iterations:
+            share_stages(usual, run)
+        usual = usual or run
+        result = remove(scene, run, trial.settings, prior=trial.prior, seed=trial.seed)
+        seconds = {stage["name"]: stage["seconds"] for stage in read_manifest(run.folder)["stages"]}
+        score = against_truth(scene, result, trial.settings)
+        yield trial, Outcome(seconds["fit"], seconds["fill"], seconds["refit"], score)
+
+
+def share_stages(source: Run, target: Run) -> None:
+    """Give a run the finished stages of another up to the edit."""
+    for stage in sorted((source.folder / "stages").iterdir()):
+        if stage.name not in EDITING:
+            shutil.copytree(stage, target.folder / "stages" / stage.name)
+
+
+def against_truth(scene: Scene, result: RemoveResult, settings: RemoveSettings) -> dict[str, Score]:
+    """Scores by region against the room without the object, mean over the held-out views."""
+    scores, effects = [], replace(result.run.effects, depth=False)
+    for view in scene.test_views:
+        assert view.mask is not None, "the generator writes a mask for each view"
+        truth = torch.from_numpy(read_image(scene.path / TRUTH / f"{view.name}.png")).float() / 255.0
+        with torch.no_grad():
+            color = render(result.gaussians, view.camera, effects=effects).color
+        scores.append(compare(color, truth, widened(view.mask, settings.masking)))
+    return mean_scores(scores)
+
+
+def trial_table(outcomes: dict[Trial, Outcome]) -> Table:
+    """A row for each setting of each knob."""
+    rows = []
+    for knob, trials in KNOBS.items():
+        for trial in trials:
+            found = outcomes[trial]
+            value = getattr(trial, knob)
+            times = [f"{seconds:.1f}" for seconds in (found.fit, found.fill, found.refit)]
+            quality = [f"{found.score[region].psnr:.2f}" for region in ("whole", "masked")]
+            rows.append((f"{knob} {value}" + (" (usual)" if trial == USUAL else ""), *times, *quality))
+    columns = ["", "fit [s]", "fill [s]", "refit [s]", "PSNR whole [dB]", "PSNR masked [dB]"]
+    return Table("Settings of a removal", columns, rows)
