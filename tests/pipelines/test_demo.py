@@ -2,13 +2,17 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from tiny_removal import SETTINGS
 
-from diga3d_warp.evaluation.record import read_manifest, read_metrics
+from diga3d_warp.evaluation.record import REPORT, read_manifest, read_metrics
 from diga3d_warp.evaluation.tables import Table
 from diga3d_warp.pipelines import demo
 from diga3d_warp.priors.classical import telea_fill
+from diga3d_warp.scene.images import read_image
+
+SIDES = ("before", "after")
 
 ROWS = [
     f"{method}, {views}"
@@ -34,6 +38,7 @@ def small_demo(tmp_path_factory):
         patch.setattr(demo, "ROOM", replace(demo.ROOM, width=96, height=72, views=9, supersampling=1))
         patch.setattr(demo, "SETTINGS", SETTINGS)
         patch.setattr("diga3d_warp.pipelines.remove.ExemplarPrior", QuickPrior)
+        patch.setattr("diga3d_warp.pipelines.replace.ExemplarPrior", QuickPrior)
         demo.run_demo(out)
         yield out, lambda: demo.run_demo(out)
 
@@ -75,3 +80,23 @@ def test_a_second_call_takes_up_the_first_and_ends_with_the_report(small_demo, c
     assert table_of(out) == before
     assert read_manifest(out / demo.RUN)["stages"] == stages
     assert before.title in report.read_text(encoding="utf-8")
+
+
+def test_all_three_edits_change_the_vase_and_nothing_else(small_demo):
+    out = small_demo[0]
+    for run in (demo.RUN, demo.RETEXTURED, demo.REPLACED):
+        for name in ("view_000", "view_004"):
+            before, after = (read_image(out / run / "views" / side / f"{name}.png") for side in SIDES)
+            mask = read_image(out / demo.RUN / "masks" / f"{name}.png")[..., 0] > 127
+            change = np.abs(after.astype(float) - before).mean(axis=2)
+            assert mask.mean() > 0.02
+            assert change[mask].mean() > 5.0 * change[~mask].mean()
+            assert change[mask].mean() > 8.0
+
+
+def test_the_page_shows_the_edits_side_by_side(small_demo):
+    out = small_demo[0]
+    page = (out / REPORT).read_text(encoding="utf-8")
+    assert page.count("data:image/jpeg") == 7 * demo.SHOWN
+    for run in (demo.RUN, demo.RETEXTURED, demo.REPLACED):
+        assert f'href="{run}/{REPORT}"' in page and (out / run / REPORT).is_file()

@@ -114,7 +114,7 @@ def _comparison(folder: Path, command: str) -> str:
     for name in _spread(names):
         before, after = (_read(_picture(folder, side, name)) for side in ("before", "after"))
         ratio = f"{after.shape[1] / after.shape[0]:.4f}"
-        sources = _embedded(before, LARGE), _embedded(after, LARGE)
+        sources = embedded(before, LARGE), embedded(after, LARGE)
         if not first:
             first = (
                 f'<div class="compare" style="--ratio:{ratio}">'
@@ -146,7 +146,7 @@ def _mask_sheet(folder: Path) -> str:
         outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         outlined = cv2.drawContours(np.ascontiguousarray(picture), outlines, -1, OUTLINE, 2)
         share = f"{escape(name)}, {100 * float((mask > 0).mean()):.1f} %"
-        figures.append(f'<figure><img src="{_embedded(outlined, SMALL)}" alt="">{share}</figure>')
+        figures.append(f'<figure><img src="{embedded(outlined, SMALL)}" alt="">{share}</figure>')
     return f'<div class="sheet">{"".join(figures)}</div>' if figures else ""
 
 
@@ -245,7 +245,7 @@ def _shrunk(pixels: Pixels, side: int) -> Pixels:
     return cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
 
 
-def _embedded(pixels: Pixels, side: int) -> str:
+def embedded(pixels: Pixels, side: int) -> str:
     """A picture as a data URL, no longer than `side` pixels."""
     import cv2
 

@@ -1,4 +1,7 @@
-"""The demo: remove the vase from a synthetic room and compare with the room as it is without the vase.
+"""The demo: remove the vase of a synthetic room, turn it into marble, put a golden ball in its place.
+
+The room has the truth of all three. The removal is measured: the others' truth is another piece of marble and
+another piece of gold, which only the eye can compare.
 
 The baselines fill the photographs, the removal renders a splat. So the fair comparison is that of the masked
 pixels, which all methods have to invent: the pixels of the masks as the removal widened them.
@@ -7,11 +10,13 @@ pixels, which all methods have to invent: the pixels of the masks as the removal
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace as with_changes
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from diga3d_warp.evaluation.gallery import write_gallery
 from diga3d_warp.evaluation.metrics import Score, compare, mean_scores
 from diga3d_warp.evaluation.protocols import evaluate
 from diga3d_warp.evaluation.record import MANIFEST, add_metrics, read_manifest, run_effects
@@ -19,8 +24,10 @@ from diga3d_warp.evaluation.report import write_report
 from diga3d_warp.evaluation.tables import Table, score_table
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.pipelines.remove import RemoveResult, RemoveSettings, remove
+from diga3d_warp.pipelines.replace import ReplaceSettings, replace
+from diga3d_warp.pipelines.retexture import RetextureSettings, retexture
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.pipelines.stages import widened
+from diga3d_warp.pipelines.stages import SOURCE, widened
 from diga3d_warp.priors.classical import mean_color_fill, telea_fill
 from diga3d_warp.scene.images import read_image
 from diga3d_warp.scene.load import load_scene
@@ -28,11 +35,18 @@ from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
 from diga3d_warp.splatting.render import render
 
-SCENE, RUN = "scene", "removed"
-"""Folders that the demo makes: the capture with its ground truth, and the run."""
+SCENE, RUN, RETEXTURED, REPLACED = "scene", "removed", "retextured", "replaced"
+"""Folders that the demo makes: the capture with its ground truth, and a run for each task."""
 
 TRUTH = Path("ground_truth") / "without_object"
-"""Where the generator puts the views without the object, in the folder of the capture."""
+"""Where the generator puts the views without the object, in the folder of the capture; beside it the views
+with another material and another object."""
+
+MATERIAL, OBJECT = "white marble", "a golden sphere"
+"""What the generator's other truths show."""
+
+SHOWN = 4
+"""Views in the gallery, spread evenly over all."""
 
 ROOM = SyntheticScene(shadows=False, seed=0)
 """The vase casts no shadow. Masks mark the object, so a shadow would stay, and the comparison would tell how
@@ -49,12 +63,13 @@ Method = Callable[[View, np.ndarray], torch.Tensor]
 
 
 def run_demo(out: Path, room: SyntheticScene | None = None) -> Path:
-    """Generate a room, remove its vase, and compare with the ground truth and two fills of each view alone.
+    """Generate a room, edit its vase in three ways, and compare with the ground truth.
 
-    What an earlier call finished is taken up: the scene, and each stage of the run.
+    The removal is compared with two fills of each view alone, too. What an earlier call finished is taken up:
+    the scene, and each stage of the runs.
 
     Args:
-        out: Folder for the scene and the run.
+        out: Folder for the scene and the runs.
         room: The room to generate; `ROOM` if None.
 
     Returns:
@@ -67,24 +82,58 @@ def run_demo(out: Path, room: SyntheticScene | None = None) -> Path:
     if not capture.exists():
         generate(room or ROOM, capture, progress=True)
     scene = load_scene(capture, hold_out=HOLD_OUT, progress=True)
-    run = Run(
-        out / RUN,
-        "remove",
-        {
-            "scene": capture, "masks": None, "image_scale": 1.0, "hold_out": HOLD_OUT, "seed": ROOM.seed,
-            "iterations": SETTINGS.fit.iterations, "budget": SETTINGS.fit.budget,
-            "references": SETTINGS.references, "selection": SETTINGS.selection,
-        },
-        resume=(out / RUN / MANIFEST).exists(),
-    )  # fmt: skip
+    run = _run(out / RUN, "remove")
     result = remove(scene, run, SETTINGS, seed=ROOM.seed)
     table = _against_truth(scene, result)
     evaluate(run.folder, scene=scene)
     add_metrics(run.folder, "tables", [table.as_json()])
-    report = write_report(run.folder)
+    write_report(run.folder)
+
+    fitted = with_changes(scene, splat=run.folder / SOURCE)  # one fit serves all three
+    retextured = _run(out / RETEXTURED, "retexture", MATERIAL)
+    retexture(fitted, MATERIAL, retextured, RetextureSettings(fit=SETTINGS.fit), seed=ROOM.seed)
+    replaced = _run(out / REPLACED, "replace", OBJECT)
+    replace(fitted, OBJECT, replaced, ReplaceSettings(SETTINGS), seed=ROOM.seed)
+    for other in (retextured, replaced):
+        evaluate(other.folder, scene=scene)
+        write_report(other.folder)
+
     print(table.text())
+    report = _side_by_side(out, scene, table)
     print(report)
     return report
+
+
+def _run(folder: Path, task: str, prompt: str | None = None) -> Run:
+    settings = {
+        "scene": folder.parent / SCENE, "masks": None, "image_scale": 1.0, "hold_out": HOLD_OUT,
+        "seed": ROOM.seed, "iterations": SETTINGS.fit.iterations, "budget": SETTINGS.fit.budget,
+        "references": SETTINGS.references, "selection": SETTINGS.selection,
+    }  # fmt: skip
+    if prompt is not None:
+        settings["prompt"] = prompt
+    return Run(folder, task, settings, resume=(folder / MANIFEST).exists())
+
+
+def _side_by_side(out: Path, scene: Scene, table: Table) -> Path:
+    views = [*scene.test_views, *scene.views]
+    rows = []
+    for index in np.linspace(0, len(views) - 1, SHOWN).round().astype(int):
+        file = f"{views[index].name}.png"
+        truth, after = out / SCENE / TRUTH.parent, Path("views") / "after" / file
+        rows.append(
+            {
+                f"photograph {views[index].name}": out / SCENE / "images" / file,
+                "removed": out / RUN / after,
+                "truth without": truth / TRUTH.name / file,
+                MATERIAL: out / RETEXTURED / after,
+                "truth in marble": truth / "other_material" / file,
+                OBJECT: out / REPLACED / after,
+                "truth with a ball": truth / "other_object" / file,
+            }
+        )
+    runs = {"removed": out / RUN, MATERIAL: out / RETEXTURED, OBJECT: out / REPLACED}
+    return write_gallery(out, "A vase removed, in marble, and replaced", rows, runs, table)
 
 
 def _against_truth(scene: Scene, result: RemoveResult) -> Table:
