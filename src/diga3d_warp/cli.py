@@ -19,7 +19,7 @@ SEED_MOST = 2**31 - 1  # what every generator here takes
 DESCRIPTION = "Edit an object in a captured 3D scene, on 3D Gaussian splats. CPU is enough."
 EXAMPLES = """\
 examples:
-  diga3d demo --out run/demo                         clear a synthetic room, compare with the truth
+  diga3d demo --out run/demo                         edit a synthetic room, compare with the truth
   diga3d fit captures/garden --out run/garden        photographs and poses to a splat .ply
   diga3d remove captures/statue --out run/statue     take the masked object out
   diga3d remove captures/statue --out run/statue --resume
@@ -202,7 +202,7 @@ def parser() -> argparse.ArgumentParser:
     synthetic.add_argument("--seed", type=_seed, default=0, metavar="N")
 
     demo = add(
-        "demo", _demo, "remove the object of a synthetic room and compare", "diga3d demo --out run/demo"
+        "demo", _demo, "edit the object of a synthetic room and compare", "diga3d demo --out run/demo"
     )
     demo.add_argument("--out", type=Path, default=Path("run/demo"), metavar="DIR", help="(default run/demo)")
     return root
