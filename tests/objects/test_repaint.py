@@ -7,7 +7,7 @@ from ball import CENTER, ball_sight, brightness, plain, ring
 from diga3d_warp.materials.painting import GAMMA
 from diga3d_warp.materials.vocabulary import MATERIALS
 from diga3d_warp.objects.frame import Frame
-from diga3d_warp.objects.light import estimate_light
+from diga3d_warp.objects.light import estimate_light, exposed, shade_beyond
 from diga3d_warp.objects.repaint import MaterialRepainter
 from diga3d_warp.objects.surface import fuse
 from diga3d_warp.objects.wrapping import sampled, wrap
@@ -81,3 +81,31 @@ def test_brightness_is_kept_where_the_light_was():
     for sight, image in zip(sights, images, strict=True):
         before, after = (each[sight.mask] ** GAMMA @ [0.3, 0.6, 0.1] for each in (sight.image, image))
         assert np.corrcoef(before, after)[0, 1] > 0.8
+
+
+def test_hollows_of_an_object_of_one_hue_stay_dark_and_paint_does_not():
+    """A dark patch of the same hue is shade; one of another hue is paint."""
+
+    def patched(color):
+        def albedo(normals: np.ndarray) -> np.ndarray:
+            dark = normals @ [1.0, 0.0, 0.0] > 0.8
+            return np.where(dark[:, None], color, np.full(3, 0.6))
+
+        return albedo
+
+    kept = []
+    for color in ([0.2, 0.2, 0.2], [0.05, 0.1, 0.5]):
+        surface = fuse([ball_sight(camera, patched(np.array(color))) for camera in ring()])
+        light = estimate_light(surface.normals, surface.colors, np.full((10, 3), 0.5))
+        beyond = shade_beyond(light, surface)
+        side = surface.normals @ [1.0, 0.0, 0.0]
+        kept.append(beyond[side > 0.9].mean() / beyond[np.abs(side) < 0.3].mean())
+    shade, paint = kept
+    assert shade < 0.75 and paint > shade + 0.15
+
+
+def test_highlights_are_compressed_and_keep_their_order():
+    light = np.linspace(0, 4, 400)
+    display = exposed(light)
+    assert (np.diff(display) > 0).all() and display[-1] < 1.0
+    assert np.allclose(display[light < 0.5], light[light < 0.5] ** (1 / GAMMA))

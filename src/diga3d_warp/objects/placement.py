@@ -16,7 +16,7 @@ from diga3d_warp.kernels.raycast import gathered_light, nearest_hits
 from diga3d_warp.materials.painting import GAMMA
 from diga3d_warp.objects.asset import MeshAsset, SplatAsset
 from diga3d_warp.objects.frame import Frame
-from diga3d_warp.objects.light import Light
+from diga3d_warp.objects.light import Light, exposed
 from diga3d_warp.objects.surface import unit
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.optics import optics_of
@@ -188,7 +188,7 @@ class PlacedMesh:
         normals = self._normals(face, weights)
         albedo = self.asset.painter(face, weights, inside, self.frame.turned(normals)) ** GAMMA
         lit = albedo * (self.light.on(normals) * self._openness(face, weights))[:, None]
-        return np.clip(lit, 0.0, 1.0) ** (1.0 / GAMMA)
+        return exposed(lit)
 
     def _openness(self, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
         return (self._corner_openness[face] * weights).sum(axis=1)

@@ -10,7 +10,7 @@ import numpy as np
 from diga3d_warp.materials.painting import GAMMA
 from diga3d_warp.materials.vocabulary import Material
 from diga3d_warp.objects.frame import frame_of, upward
-from diga3d_warp.objects.light import estimate_light
+from diga3d_warp.objects.light import estimate_light, exposed, shade_beyond
 from diga3d_warp.objects.surface import Sight, fuse
 from diga3d_warp.objects.wrapping import wrap
 
@@ -61,6 +61,7 @@ class MaterialRepainter:
         frame = frame_of(surface.points, upward(cameras), facing)
         around = np.concatenate([sight.image.reshape(-1, 3)[::7] for sight in sights])
         light = estimate_light(surface.normals, surface.colors, around)
+        beyond = shade_beyond(light, surface)
         texture = self._texture(sights, frame.extent[2], seed)
         images = []
         for sight in sights:
@@ -68,8 +69,9 @@ class MaterialRepainter:
             if sight.touched.any():
                 feet, normals = surface.nearest(sight.points)
                 albedo = wrap(texture, feet, normals, frame, frame.extent[2]) ** GAMMA
-                lit = albedo * light.on(surface.smooth_normals(feet))[:, None]
-                image[sight.touched] = np.clip(lit, 0.0, 1.0) ** (1.0 / GAMMA)
+                received = light.on(surface.smooth_normals(feet)) * surface.interpolated(beyond, feet)
+                lit = albedo * received[:, None]
+                image[sight.touched] = exposed(lit)
             images.append(image)
         return images
 

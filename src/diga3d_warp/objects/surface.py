@@ -139,13 +139,23 @@ class Surface:
         """Normals near places (P, 3), averaged over `SHADED` spacings: without the waver of depth."""
         return self._coarse.nearest(places, 4)[1]
 
+    def blurred(self, values: np.ndarray, radius: float) -> np.ndarray:
+        """Values at its points, shape (M,), averaged over a radius [spacings] around each."""
+        reach = self._tree.sparse_distance_matrix(self._tree, radius * self.spacing, output_type="coo_matrix")
+        weight = np.exp(-0.5 * (reach.data / (0.5 * radius * self.spacing)) ** 2)
+        total = np.bincount(reach.row, weight, len(values))
+        return np.bincount(reach.row, weight * values[reach.col], len(values)) / np.maximum(total, 1e-12)
+
+    def interpolated(self, values: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Values at its points, shape (M,), between them at places near it (P, 3), shape (P,)."""
+        distance, index = self._tree.query(places, k=np.arange(1, min(4, len(self.points)) + 1))
+        weight = 1.0 / (distance + 0.1 * self.spacing)
+        return (weight * values[index]).sum(axis=1) / weight.sum(axis=1)
+
     @cached_property
     def _coarse(self) -> Surface:
-        normals = self.normals
-        reach = self._tree.sparse_distance_matrix(self._tree, SHADED * self.spacing, output_type="coo_matrix")
-        weight = np.exp(-0.5 * (reach.data / (0.5 * SHADED * self.spacing)) ** 2)
-        sums = [np.bincount(reach.row, weight * normals[reach.col, k], len(normals)) for k in range(3)]
-        return Surface(self.points, unit(np.stack(sums, -1) + 1e-9 * normals), self.colors, self.spacing)
+        normals = np.stack([self.blurred(self.normals[:, k], SHADED) for k in range(3)], axis=-1)
+        return Surface(self.points, unit(normals + 1e-9 * self.normals), self.colors, self.spacing)
 
 
 def fuse(sights: Sequence[Sight], settings: FuseSettings | None = None) -> Surface:

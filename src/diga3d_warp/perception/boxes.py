@@ -40,7 +40,7 @@ class CutSettings:
         rounds: Rounds of colour models and graph cut. OpenCV's samples use 5; later ones change little.
         margin: Surroundings that colours are compared with [box sizes]: what lies further off says little
             of what is next to the object.
-        part: Parts of a mask that are smaller than this share of it are noise.
+        part: Parts of a mask, and holes in it, that are smaller than this share of it are noise.
         core: Radius of the middle that is taken for the object [box sizes]. Without, a box around an object
             of several colours leaves all of it to the background.
         beyond: How much larger than that middle a mask must be: it then grew to some edge.
@@ -165,6 +165,16 @@ def cut_along(pixels: np.ndarray, surely: np.ndarray, likely: np.ndarray, reach:
     return _cut(pixels, kinds, box)
 
 
+def _without_holes(mask: np.ndarray) -> np.ndarray:
+    """A mask without holes that are small against it: spots of another colour on the object."""
+    import cv2
+
+    _, label, stats, _ = cv2.connectedComponentsWithStats((~mask).astype(np.uint8), connectivity=4)
+    small = stats[:, cv2.CC_STAT_AREA] < CUT.part * mask.sum()
+    small[0] = False
+    return mask | small[label]
+
+
 def _cut(pixels: np.ndarray, kinds: np.ndarray, box: Box) -> np.ndarray:
     """GrabCut from a first guess `kinds` (H, W) in a window around a box; small parts are left out."""
     import cv2
@@ -193,5 +203,5 @@ def _cut(pixels: np.ndarray, kinds: np.ndarray, box: Box) -> np.ndarray:
     area = stats[:, cv2.CC_STAT_AREA]
     keep = area >= CUT.part * area[1:].sum() if count > 1 else np.zeros(1, bool)
     keep[0] = False
-    found[window] = keep[label]
+    found[window] = _without_holes(keep[label])
     return found

@@ -11,7 +11,7 @@ import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import write_image
-from diga3d_warp.gaussians.lift import LiftSettings, object_mask, vote
+from diga3d_warp.gaussians.lift import LiftSettings, object_mask, object_rows, vote
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.perception.boxes import Box, cut_along, cut_out, find_boxed
 from diga3d_warp.pipelines import stages
@@ -87,11 +87,17 @@ def carry_masks(run: Run, scene: Scene, source: Gaussians, boxes: Sequence[Box],
             raise InputError(
                 f"{scene.path}: the mask boxes lift to no gaussian; draw them around what the splat shows"
             )
+        cut = [
+            view if view.mask is not None
+            else view.with_mask(_carried(source, view, seeds, candidates, lift, settings))
+            for view in views
+        ]  # fmt: skip
+        # Each view was cut by itself; a vote of all makes them tell of one object.
+        votes = vote(source, [view.camera for view in cut], [stages.mask_of(view) for view in cut])
+        rows = object_rows(votes, lift)
         masks = []
         for view in views:
-            mask = view.mask
-            if mask is None:
-                mask = _carried(source, view, seeds, candidates, lift, settings)
+            mask = view.mask if view.mask is not None else object_mask(source, view.camera, rows, lift)
             write_image(folder / f"{view.name}.png", mask)
             masks.append(mask)
         write_image(folder / SHEET, overlay_sheet(views, masks, settings))
