@@ -201,9 +201,7 @@ def parser() -> argparse.ArgumentParser:
     synthetic.add_argument("--no-shadows", action="store_true", help="the object casts no shadow")
     synthetic.add_argument("--seed", type=_seed, default=0, metavar="N")
 
-    demo = add(
-        "demo", _demo, "edit the object of a synthetic room and compare", "diga3d demo --out run/demo"
-    )
+    demo = add("demo", _demo, "edit the object of a synthetic room and compare", "diga3d demo --out run/demo")
     demo.add_argument("--out", type=Path, default=Path("run/demo"), metavar="DIR", help="(default run/demo)")
     return root
 
