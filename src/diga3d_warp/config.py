@@ -109,7 +109,9 @@ class Accuracy:
 
 Accuracy.DRAFT = Accuracy(alpha_min=1.0 / 64.0, transmittance_min=1e-2, exp_degree=4, sampling="nearest")
 Accuracy.STANDARD = Accuracy()
-Accuracy.EXACT = Accuracy(alpha_min=1e-7, transmittance_min=1e-7, footprint="unscented", pixel_order=True)
+Accuracy.EXACT = Accuracy(
+    alpha_min=1e-7, transmittance_min=1e-7, footprint="unscented", pixel_order=True, precision="float64"
+)
 
 ACCURACIES = {"draft": Accuracy.DRAFT, "standard": Accuracy.STANDARD, "exact": Accuracy.EXACT}
 """The presets by the names that `--accuracy` takes."""

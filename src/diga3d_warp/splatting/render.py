@@ -57,7 +57,7 @@ def render(
         gaussians: N gaussians, on CPU or CUDA.
         camera: Pinhole or with lens distortion, which is applied inside the projection.
         effects: What to simulate; what is off costs nothing. Without depth, `depth` is zero.
-        accuracy: What to give up for time.
+        accuracy: What to give up for time. Images have the gaussians' type, whatever the kernels' precision.
         background: RGB behind all gaussians, three numbers or a tensor of shape (3,); not read where the
             effect is off.
 
@@ -90,4 +90,9 @@ def render(
     weight = alpha.clamp_min(0.5 * accuracy.alpha_min)
     depth = blended.depth_sum / weight
     normals = None if blended.normal_sum is None else blended.normal_sum / weight[..., None]
-    return Rendering(color, alpha, depth, projection, blended.median_depth, normals)
+    own = gaussians.means.dtype
+    median_depth = blended.median_depth
+    return Rendering(
+        color.to(own), alpha.to(own), depth.to(own), projection,
+        None if median_depth is None else median_depth.to(own), None if normals is None else normals.to(own),
+    )  # fmt: skip
