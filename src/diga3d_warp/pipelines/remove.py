@@ -31,7 +31,6 @@ from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.classical import ClassicalPrior
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.protocol import Prior
-from diga3d_warp.propagation.references import check_reference_count
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene, View
 
@@ -87,18 +86,6 @@ class RemoveResult:
     run: Run
 
 
-def check_removal(scene: Scene, settings: RemoveSettings) -> None:
-    """Refuse what the first stages cannot notice: before a long fit, and before anything is written.
-
-    Raises:
-        InputError: no view has a mask, there are fewer views than references, or the scene's splat is not
-            usable.
-    """
-    stages.masked_views(scene)
-    check_reference_count(settings.references, len(scene.views))
-    stages.check_splat(scene)
-
-
 def remove(
     scene: Scene,
     run: Run,
@@ -126,7 +113,7 @@ def remove(
     scene = boxing.boxed(scene, boxes)
     settings = settings or RemoveSettings()
     prior = prior or ExemplarPrior()
-    check_removal(scene, settings)
+    stages.check_edit(scene, settings.references)
     taken = take_out(scene, run, settings, prior, boxes, seed, effects)
     stages.show_views(run, taken.scene, taken.source, taken.gaussians)
     stages.finish(run, "refit")
@@ -188,7 +175,7 @@ def remove_command(
         references=references,
         selection=selection,
     )
-    check_removal(boxing.boxed(capture, boxes), settings)
+    stages.check_edit(boxing.boxed(capture, boxes), settings.references)
     run = Run(
         out,
         "remove",

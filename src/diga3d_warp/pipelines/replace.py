@@ -24,7 +24,7 @@ from diga3d_warp.objects.solids import solid_of
 from diga3d_warp.perception.boxes import Box, read_boxes
 from diga3d_warp.pipelines import boxing, placing, recolouring, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
-from diga3d_warp.pipelines.remove import PRIORS, REFIT, RemoveSettings, check_removal, take_out
+from diga3d_warp.pipelines.remove import PRIORS, REFIT, RemoveSettings, take_out
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.protocol import Prior
@@ -105,7 +105,7 @@ def replace(
     settings = settings or ReplaceSettings()
     asset = asset or solid_of(prompt, seed)
     scene = boxing.boxed(scene, boxes)
-    check_removal(scene, settings.removal)
+    stages.check_edit(scene, settings.removal.references)
     taken = take_out(scene, run, settings.removal, prior or ExemplarPrior(), boxes, seed, effects)
     sights = recolouring.look_at_object(run, taken.views, taken.source, taken.rows)
     others = stages.with_lifted_masks(run, taken.scene.test_views)
@@ -137,7 +137,7 @@ def replace_command(
         selection=selection,
     )
     settings = ReplaceSettings(removal, settle=with_changes(SETTLE, accuracy=ACCURACIES[accuracy]))
-    check_removal(boxing.boxed(capture, boxes), removal)
+    stages.check_edit(boxing.boxed(capture, boxes), references)
     run = Run(
         out,
         "replace",

@@ -28,7 +28,6 @@ from diga3d_warp.perception.boxes import Box, read_boxes
 from diga3d_warp.pipelines import boxing, recolouring, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.propagation.references import check_reference_count
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene
 
@@ -83,18 +82,6 @@ class RetextureResult:
     run: Run
 
 
-def check_retexture(scene: Scene, settings: RetextureSettings) -> None:
-    """Refuse what the first stages cannot notice: before a long fit, and before anything is written.
-
-    Raises:
-        InputError: no view has a mask, there are fewer views than references, or the scene's splat is not
-            usable.
-    """
-    stages.masked_views(scene)
-    check_reference_count(settings.references, len(scene.views))
-    stages.check_splat(scene)
-
-
 def retexture(
     scene: Scene,
     prompt: str,
@@ -125,7 +112,7 @@ def retexture(
     scene = boxing.boxed(scene, boxes)
     settings = settings or RetextureSettings()
     repainter = repainter or MaterialRepainter(material_of(prompt))
-    check_retexture(scene, settings)
+    stages.check_edit(scene, settings.references)
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.even_exposure(run, scene)
@@ -161,7 +148,7 @@ def retexture_command(
         references=references,
         selection=selection,
     )
-    check_retexture(boxing.boxed(capture, boxes), settings)
+    stages.check_edit(boxing.boxed(capture, boxes), settings.references)
     run = Run(
         out,
         "retexture",

@@ -29,7 +29,7 @@ from diga3d_warp.gaussians.ply import read_ply
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.protocol import Prior
 from diga3d_warp.propagation.fill import Fill, carry, fill_references
-from diga3d_warp.propagation.references import References, select_references
+from diga3d_warp.propagation.references import References, check_reference_count, select_references
 from diga3d_warp.propagation.unseen import Background, observe_behind
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
@@ -65,6 +65,22 @@ def check_splat(scene: Scene) -> None:
     """
     if scene.splat is not None:
         read_ply(scene.splat)
+
+
+def check_edit(scene: Scene, references: int) -> None:
+    """Refuse what the first stages of an edit cannot notice: before a long fit, before anything is written.
+
+    Args:
+        scene: The capture.
+        references: Number K of references.
+
+    Raises:
+        InputError: no view has a mask, there are fewer views than references, or the scene's splat is not
+            usable.
+    """
+    masked_views(scene)
+    check_reference_count(references, len(scene.views))
+    check_splat(scene)
 
 
 def begin(run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = None) -> Scene:
