@@ -73,10 +73,13 @@ def test_kernels_do_without_torch(module):
 
 
 def test_a_public_name_is_exported_once():
-    """Rooms export nothing: a name has its home module, and some the public face."""
+    """Rooms export nothing: a name has its home module, and some the public face.
+
+    Not so `cli`: its `main` is what the installed command calls, and no room imports it.
+    """
     assert len(set(diga3d_warp.__all__)) == len(diga3d_warp.__all__)
     for module in MODULES:
-        if module.endswith("/__init__.py"):
+        if module.endswith("/__init__.py") and room_of(module) != "cli":
             assert not imports_of(module), f"{module} hands names on"
 
 

@@ -7,6 +7,7 @@ import time
 import pytest
 
 from diga3d_warp import cli
+from diga3d_warp.cli import edits
 from diga3d_warp.config import ACCURACIES
 from diga3d_warp.errors import InputError
 
@@ -100,7 +101,7 @@ def stand_in(monkeypatch, effect):
         given.update(options)
         return effect()
 
-    monkeypatch.setattr(cli, "_fit", fit)
+    monkeypatch.setattr(edits, "_fit", fit)
     return given
 
 

@@ -1,0 +1,109 @@
+"""The bench command: one subcommand for each benchmark."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+from diga3d_warp.cli.parsing import Commands, positive_int
+
+
+def add_benchmarks(commands: Commands) -> None:
+    """bench, with kernels, effects and accuracy."""
+    bench = commands.add(
+        "bench",
+        _kernels,
+        "measure what kernels, effects and accuracy cost on this machine",
+        "diga3d bench kernels --out run/benchmarks",
+    )
+    benchmarks = Commands(bench, "benchmarks", "BENCHMARK")
+
+    kernels = _add(
+        benchmarks,
+        "kernels",
+        _kernels,
+        "speed of every kernel, against a plain one",
+        "Measure the speed of every kernel on a seeded scene, against a plain kernel.",
+        9,
+    )
+    kernels.add_argument(
+        "--sizes", action="store_true", help="cost against the number of gaussians and pixels instead"
+    )
+    _add(
+        benchmarks,
+        "effects",
+        _effects,
+        "what each effect costs on, and that it costs nothing off",
+        "Measure what each effect adds to a training step, and compare the kernels' sources.",
+        25,
+    )
+    accuracy = _add(
+        benchmarks,
+        "accuracy",
+        _accuracy,
+        "what each knob of accuracy costs in error and in time",
+        "Measure error and time of every knob of accuracy, on easy and on hard scenes.",
+        5,
+    )
+    accuracy.add_argument(
+        "--scene", type=Path, metavar="DIR", help="a run, or a capture with a splat, to be measured too"
+    )
+    accuracy.add_argument(
+        "--pipeline",
+        action="store_true",
+        help="what references, iterations and diffusion steps of a removal cost instead",
+    )
+
+
+def _add(
+    benchmarks: Commands, name: str, run: Callable[..., int], summary: str, description: str, repeats: int
+) -> argparse.ArgumentParser:
+    """A benchmark with the options that all have."""
+    example = f"diga3d bench {name} --out run/benchmarks"
+    benchmark = benchmarks.add(name, run, summary, example, description)
+    benchmark.add_argument(
+        "--out",
+        type=Path,
+        default=Path("run/benchmarks"),
+        metavar="DIR",
+        help="folder for the page and its plots (default run/benchmarks)",
+    )
+    benchmark.add_argument(
+        "--repeats",
+        type=positive_int,
+        default=repeats,
+        metavar="N",
+        help=f"times each measurement is repeated (default {repeats})",
+    )
+    return benchmark
+
+
+def _kernels(out: Path, repeats: int, sizes: bool) -> int:
+    from diga3d_warp.bench.garden import Garden
+    from diga3d_warp.bench.kernels import bench_kernels
+    from diga3d_warp.bench.sizes import bench_sizes
+
+    for table in bench_sizes(out, repeats) if sizes else bench_kernels(out, repeats, Garden()):
+        print(table.text())
+    print(out / ("sizes.md" if sizes else "kernels.md"))
+    return 0
+
+
+def _effects(out: Path, repeats: int) -> int:
+    from diga3d_warp.bench.effects import bench_effects
+
+    for table in bench_effects(out, repeats):
+        print(table.text())
+    print(out / "effects.md")
+    return 0
+
+
+def _accuracy(out: Path, repeats: int, scene: Path | None, pipeline: bool) -> int:
+    from diga3d_warp.bench.accuracy.page import bench_accuracy
+    from diga3d_warp.bench.accuracy.pipeline import bench_pipeline
+
+    for table in bench_pipeline(out) if pipeline else bench_accuracy(out, repeats, scene):
+        print(table.text())
+    print(out / ("accuracy_pipeline.md" if pipeline else "accuracy.md"))
+    return 0

@@ -1,0 +1,93 @@
+"""Commands that make a run: fit, and the three edits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from diga3d_warp.cli.options import (
+    add_mask_boxes,
+    add_prior,
+    add_reference_options,
+    add_run_options,
+)
+from diga3d_warp.cli.parsing import Commands
+
+
+def add_edits(commands: Commands) -> None:
+    """fit, remove, retexture and replace."""
+    fit = commands.add("fit", _fit, "fit a splat to a capture", "diga3d fit captures/garden --out run/garden")
+    add_run_options(fit)
+
+    remove = commands.add(
+        "remove",
+        _remove,
+        "remove the masked object from a capture",
+        "diga3d remove captures/statue --out run/statue --masks captures/statue/masks",
+    )
+    add_run_options(remove)
+    add_mask_boxes(remove)
+    add_prior(remove)
+    add_reference_options(remove)
+
+    retexture = commands.add(
+        "retexture",
+        _retexture,
+        "give the masked object another material",
+        'diga3d retexture captures/bear --prompt "white marble" --out run/bear',
+    )
+    add_run_options(retexture)
+    add_mask_boxes(retexture)
+    retexture.add_argument(
+        "--prompt", required=True, metavar="TEXT", help="the material; a word of the built-in vocabulary"
+    )
+    add_reference_options(retexture)
+
+    replace = commands.add(
+        "replace",
+        _replace,
+        "put another object in place of the masked one",
+        'diga3d replace captures/can --prompt "a wooden cube" --out run/can',
+    )
+    add_run_options(replace)
+    add_mask_boxes(replace)
+    new = replace.add_mutually_exclusive_group(required=True)
+    new.add_argument("--prompt", metavar="TEXT", help='a built-in solid in a material: "a wooden cube"')
+    new.add_argument(
+        "--asset", type=Path, metavar="FILE", help="a mesh (.glb, .obj, .ply, .stl) or a splat .ply"
+    )
+    add_prior(replace)
+    add_reference_options(replace)
+
+
+def _fit(**options: Any) -> int:
+    from diga3d_warp.pipelines.fit import fit_command
+
+    return _show_run(fit_command(**options))
+
+
+def _remove(**options: Any) -> int:
+    from diga3d_warp.pipelines.remove import remove_command
+
+    return _show_run(remove_command(**options))
+
+
+def _retexture(**options: Any) -> int:
+    from diga3d_warp.pipelines.retexture import retexture_command
+
+    return _show_run(retexture_command(**options))
+
+
+def _replace(**options: Any) -> int:
+    from diga3d_warp.pipelines.replace import replace_command
+
+    return _show_run(replace_command(**options))
+
+
+def _show_run(run: Any) -> int:
+    """End with what a user opens next."""
+    from diga3d_warp.evaluation.record import REPORT, RESULT
+
+    print(run.folder / RESULT)
+    print(run.folder / REPORT)
+    return 0

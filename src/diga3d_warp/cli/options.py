@@ -1,0 +1,89 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from diga3d_warp.cli.parsing import effects, hold_out, positive_int, scale, seed
+
+
+def add_run_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("scene", type=Path, metavar="SCENE", help="folder or .ply of the capture")
+    command.add_argument("--out", type=Path, required=True, metavar="RUN", help="the run folder, a new one")
+    command.add_argument(
+        "--masks", type=Path, metavar="DIR", help="a mask for each image (default: found in the capture)"
+    )
+    command.add_argument(
+        "--image-scale",
+        type=scale,
+        default=1.0,
+        metavar="S",
+        help="size of the images against the largest in the capture (default 1)",
+    )
+    command.add_argument(
+        "--iterations", type=positive_int, metavar="N", help="steps of the fit (default: by the scene)"
+    )
+    command.add_argument(
+        "--hold-out",
+        type=hold_out,
+        default=8,
+        metavar="N",
+        help="keep every Nth view for testing, 0 for none (default 8)",
+    )
+    command.add_argument(
+        "--effects",
+        type=effects,
+        default={},
+        metavar="LIST",
+        help="insist on effects, such as sh_degree=1,exposure=off (default: by the scene)",
+    )
+    add_accuracy(command, "of the renderings that are fitted")
+    command.add_argument("--seed", type=seed, default=0, metavar="N", help="(default 0)")
+    command.add_argument("--resume", action="store_true", help="go on with an interrupted run")
+
+
+def add_accuracy(command: argparse.ArgumentParser, of_what: str) -> None:
+    command.add_argument(
+        "--accuracy",
+        choices=["draft", "standard", "exact"],
+        default="standard",
+        help=f"{of_what}, against their time (default standard)",
+    )
+
+
+def add_mask_boxes(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--mask-box",
+        dest="mask_boxes",
+        nargs=5,
+        action="append",
+        default=[],
+        metavar=("VIEW", "X0", "Y0", "X1", "Y1"),
+        help="a box [px] around the object in one view, in place of masks; up to three, from other sides",
+    )
+
+
+def add_prior(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--prior",
+        choices=["exemplar", "classical"],
+        default="exemplar",
+        help="what invents the part that no view saw (default exemplar)",
+    )
+
+
+def add_reference_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--references",
+        type=positive_int,
+        default=3,
+        metavar="K",
+        help="views that are edited first and stand for all (default 3)",
+    )
+    command.add_argument(
+        "--selection",
+        choices=["kmeans", "random"],
+        default="kmeans",
+        help="how references are chosen (default kmeans)",
+    )

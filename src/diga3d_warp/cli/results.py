@@ -1,0 +1,67 @@
+"""Commands that look at a finished run: render and eval."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from diga3d_warp.cli.options import add_accuracy
+from diga3d_warp.cli.parsing import Commands, positive_int, scale, size
+
+
+def add_results(commands: Commands) -> None:
+    """render and eval."""
+    render = commands.add(
+        "render", _render, "render a run along a path", "diga3d render run/statue --out statue.webm"
+    )
+    render.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished run")
+    render.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE|DIR",
+        help="a .webm, .mp4 or .avi video, or a folder for PNG frames (default RUN/path.webm)",
+    )
+    render.add_argument(
+        "--path",
+        choices=["spline", "views"],
+        default="spline",
+        help="a smooth path through the views, or the views themselves (default spline)",
+    )
+    render.add_argument(
+        "--frames", type=positive_int, default=120, metavar="N", help="frames of a spline (default 120)"
+    )
+    render.add_argument(
+        "--size", type=size, metavar="WxH", help="size of a frame in pixels (default that of the first view)"
+    )
+    add_accuracy(render, "of the frames")
+
+    evaluate = commands.add("eval", _evaluate, "measure a run on held-out views", "diga3d eval run/statue")
+    evaluate.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished run")
+    evaluate.add_argument(
+        "--protocol",
+        choices=["held-out", "spin-nerf"],
+        default="held-out",
+        help="against held-out photographs, or a SPIn-NeRF scene's ground truth (default held-out)",
+    )
+    evaluate.add_argument(
+        "--image-scale", type=scale, metavar="S", help="size of the images (default that of the run)"
+    )
+
+
+def _render(
+    folder: Path, out: Path | None, path: str, frames: int, size: tuple[int, int] | None, accuracy: str
+) -> int:
+    from diga3d_warp.config import ACCURACIES
+    from diga3d_warp.pipelines.render import render_path
+
+    print(render_path(folder, out, path=path, frames=frames, size=size, accuracy=ACCURACIES[accuracy]))
+    return 0
+
+
+def _evaluate(folder: Path, protocol: str, image_scale: float | None) -> int:
+    from diga3d_warp.evaluation.protocols import evaluate
+    from diga3d_warp.evaluation.report import write_report
+
+    for table in evaluate(folder, protocol, image_scale=image_scale):
+        print(table.text())
+    print(write_report(folder))
+    return 0

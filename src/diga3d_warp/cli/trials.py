@@ -1,0 +1,51 @@
+"""Commands that need no capture: doctor, synthetic and demo."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from diga3d_warp.cli.parsing import Commands, positive_int, seed
+
+
+def add_trials(commands: Commands) -> None:
+    """doctor, synthetic and demo."""
+    commands.add("doctor", _doctor, "check that everything is in place on this machine", "diga3d doctor")
+
+    synthetic = commands.add(
+        "synthetic",
+        _synthetic,
+        "write a synthetic capture with ground truth",
+        "diga3d synthetic run/room --views 24",
+    )
+    synthetic.add_argument("out", type=Path, metavar="OUT", help="a new folder")
+    synthetic.add_argument("--width", type=positive_int, default=320, metavar="PX")
+    synthetic.add_argument("--height", type=positive_int, default=240, metavar="PX")
+    synthetic.add_argument("--views", type=positive_int, default=24, metavar="N")
+    synthetic.add_argument("--no-shadows", action="store_true", help="the object casts no shadow")
+    synthetic.add_argument("--seed", type=seed, default=0, metavar="N")
+
+    demo = commands.add(
+        "demo", _demo, "edit the object of a synthetic room and compare", "diga3d demo --out run/demo"
+    )
+    demo.add_argument("--out", type=Path, default=Path("run/demo"), metavar="DIR", help="(default run/demo)")
+
+
+def _doctor() -> int:
+    from diga3d_warp.doctor import examine
+
+    return examine()
+
+
+def _synthetic(out: Path, width: int, height: int, views: int, no_shadows: bool, seed: int) -> int:
+    from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
+
+    settings = SyntheticScene(width=width, height=height, views=views, shadows=not no_shadows, seed=seed)
+    print(generate(settings, out, progress=True))
+    return 0
+
+
+def _demo(out: Path) -> int:
+    from diga3d_warp.pipelines.demo import run_demo
+
+    run_demo(out)
+    return 0
