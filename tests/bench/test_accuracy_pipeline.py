@@ -2,17 +2,9 @@
 
 from types import SimpleNamespace
 
-import numpy as np
-
 from diga3d_warp.bench.accuracy import pipeline
 from diga3d_warp.bench.accuracy.pipeline import KNOBS, USUAL, Outcome, Trial, bench_pipeline, outcomes_of
-from diga3d_warp.config import Effects
 from diga3d_warp.evaluation.metrics import Score
-from diga3d_warp.files import write_image
-from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.pipelines.demo import TRUTH
-from diga3d_warp.pipelines.remove import RemoveSettings
-from diga3d_warp.splatting.render import render
 
 
 def test_trials_become_settings():
@@ -41,18 +33,6 @@ def test_only_what_a_setting_changes_runs_again(monkeypatch, tmp_path):
     everything, edit = ["fit", "clear", "references", "fill", "refit"], ["references", "fill", "refit"]
     assert ran == everything + everything + edit
     assert outcomes[Trial(references=1)].fit == outcomes[USUAL].fit
-
-
-def test_scores_are_those_of_held_out_views_against_the_truth(toy_run):
-    scene, run = toy_run.scene, SimpleNamespace(effects=Effects())
-    gaussians = Gaussians.load_ply(toy_run.folder / "point_cloud.ply")
-    for view in scene.test_views:
-        truth = render(gaussians, view.camera).color.detach().clamp(0, 1).numpy()
-        truth[view.mask] = np.clip(truth[view.mask] + 0.1, 0.0, 1.0)
-        write_image(scene.path / TRUTH / f"{view.name}.png", (255 * truth).round().astype(np.uint8))
-    score = pipeline.against_truth(scene, SimpleNamespace(gaussians=gaussians, run=run), RemoveSettings())
-    assert 20.0 < score["masked"].psnr < score["whole"].psnr
-    assert score["unmasked"].psnr > 45.0
 
 
 def test_page(monkeypatch, tmp_path):

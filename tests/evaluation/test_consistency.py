@@ -91,7 +91,7 @@ def test_what_one_view_hides_is_not_compared():
 
 
 def test_surfaces_that_land_on_one_pixel_count_once():
-    """The first view's region holds a screen and the wall beside it, which slides behind it for the second."""
+    """The first view's region holds a screen and the wall beside it, which the second sees behind it."""
     views = cameras(2)
     screen = np.zeros((HEIGHT, WIDTH), bool)
     screen[:, 20:26] = True

@@ -2,41 +2,25 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
-import torch
-
 from diga3d_warp.bench.page import write_page
-from diga3d_warp.evaluation.metrics import Score, compare, mean_scores
+from diga3d_warp.bench.room import BUDGET, HOLD_OUT, ROOM, against_truth, share_stages
+from diga3d_warp.evaluation.metrics import Score
 from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.evaluation.tables import Table
 from diga3d_warp.gaussians.fit import FitSettings
-from diga3d_warp.pipelines.demo import TRUTH
-from diga3d_warp.pipelines.remove import RemoveResult, RemoveSettings, remove
+from diga3d_warp.pipelines.remove import RemoveSettings, remove
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.pipelines.stages import widened
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.exemplar.settings import FillSettings
-from diga3d_warp.scene.images import read_image
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene
-from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
-from diga3d_warp.splatting.render import render
-
-ROOM = SyntheticScene(width=160, height=120, views=16, shadows=False, seed=0)
-"""A quarter of the demo's pixels."""
-
-HOLD_OUT = 4
-BUDGET = 12_000
-"""Gaussians of the fit: as many a pixel as in the demo."""
-
-EDITING = ("references", "fill", "refit", "views")
-"""Stages that references and diffusion steps change; a run takes all earlier ones from the run before."""
+from diga3d_warp.scene.synthetic.generate import generate
 
 
 @dataclass(frozen=True)
@@ -133,25 +117,6 @@ def outcomes_of(scene: Scene, folder: Path) -> Iterator[tuple[Trial, Outcome]]:
         seconds = {stage["name"]: stage["seconds"] for stage in read_manifest(run.folder)["stages"]}
         score = against_truth(scene, result, trial.settings)
         yield trial, Outcome(seconds["fit"], seconds["fill"], seconds["refit"], score)
-
-
-def share_stages(source: Run, target: Run) -> None:
-    """Give a run the finished stages of another up to the edit."""
-    for stage in sorted((source.folder / "stages").iterdir()):
-        if stage.name not in EDITING:
-            shutil.copytree(stage, target.folder / "stages" / stage.name)
-
-
-def against_truth(scene: Scene, result: RemoveResult, settings: RemoveSettings) -> dict[str, Score]:
-    """Scores by region against the room without the object, mean over the held-out views."""
-    scores, effects = [], replace(result.run.effects, depth=False)
-    for view in scene.test_views:
-        assert view.mask is not None, "the generator writes a mask for each view"
-        truth = torch.from_numpy(read_image(scene.path / TRUTH / f"{view.name}.png")).float() / 255.0
-        with torch.no_grad():
-            color = render(result.gaussians, view.camera, effects=effects).color
-        scores.append(compare(color, truth, widened(view.mask, settings.masking)))
-    return mean_scores(scores)
 
 
 def trial_table(outcomes: dict[Trial, Outcome]) -> Table:

@@ -1,0 +1,53 @@
+"""The small synthetic room on which benchmarks remove a vase: what their runs share, and the truth."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable
+from dataclasses import replace
+
+import torch
+
+from diga3d_warp.evaluation.metrics import Score, compare, mean_scores
+from diga3d_warp.pipelines.demo import TRUTH
+from diga3d_warp.pipelines.remove import RemoveResult, RemoveSettings
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.pipelines.stages import widened
+from diga3d_warp.scene.images import read_image
+from diga3d_warp.scene.scene import Scene, View
+from diga3d_warp.scene.synthetic.generate import SyntheticScene
+from diga3d_warp.splatting.render import render
+
+ROOM = SyntheticScene(width=160, height=120, views=16, shadows=False, seed=0)
+"""A quarter of the demo's pixels."""
+
+HOLD_OUT = 4
+BUDGET = 12_000
+"""Gaussians of the fit: as many a pixel as in the demo."""
+
+CAPTURED = ("effects", "fit", "lift", "clear", "look-behind")
+"""Stages of a removal that know of the capture and its masks only, not of how the hole is filled."""
+
+
+def share_stages(source: Run, target: Run, names: Iterable[str] = CAPTURED) -> None:
+    """Give a run the finished stages of another, those of the given names that it has."""
+    for name in names:
+        stage = source.folder / "stages" / name
+        if stage.is_dir():
+            shutil.copytree(stage, target.folder / "stages" / name)
+
+
+def true_picture(scene: Scene, view: View) -> torch.Tensor:
+    """What a view shows without the object, RGB in [0, 1], shape (H, W, 3), float32."""
+    return torch.from_numpy(read_image(scene.path / TRUTH / f"{view.name}.png")).float() / 255.0
+
+
+def against_truth(scene: Scene, result: RemoveResult, settings: RemoveSettings) -> dict[str, Score]:
+    """Scores by region against the room without the object, mean over the held-out views."""
+    scores, effects = [], replace(result.run.effects, depth=False)
+    for view in scene.test_views:
+        assert view.mask is not None, "the generator writes a mask for each view"
+        with torch.no_grad():
+            color = render(result.gaussians, view.camera, effects=effects).color
+        scores.append(compare(color, true_picture(scene, view), widened(view.mask, settings.masking)))
+    return mean_scores(scores)
