@@ -40,6 +40,18 @@ def threads():
     set_thread_count(before)
 
 
+@pytest.fixture(scope="session")
+def models(tmp_path_factory) -> Path:
+    """Folders dpt, detector and cutter: tiny checkpoints in the real format."""
+    from tiny_perception import write_cutter, write_depth_model, write_detector
+
+    root = tmp_path_factory.mktemp("models")
+    write_depth_model(root / "dpt")
+    write_detector(root / "detector")
+    write_cutter(root / "cutter")
+    return root
+
+
 @dataclass(frozen=True)
 class ToyRun:
     """A finished `remove` run of a few gaussians, made without fitting.

@@ -36,6 +36,13 @@ class Checkpoint:
         return f"hf download {self.repository} {patterns}"
 
 
+def best_device(name: str) -> str:
+    """The device that "auto" stands for: a GPU where there is one; other names are themselves."""
+    import torch
+
+    return ("cuda" if torch.cuda.is_available() else "cpu") if name == "auto" else name
+
+
 def require_diffusion() -> None:
     """Check that the libraries of the diffusion priors are there.
 

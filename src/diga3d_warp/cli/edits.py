@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from diga3d_warp.cli.options import (
-    add_mask_boxes,
+    add_marks,
     add_prior,
     add_reference_options,
     add_run_options,
@@ -26,7 +26,7 @@ def add_edits(commands: Commands) -> None:
         "diga3d remove captures/statue --out run/statue --masks captures/statue/masks",
     )
     add_run_options(remove)
-    add_mask_boxes(remove)
+    add_marks(remove)
     add_prior(remove)
     add_reference_options(remove)
 
@@ -37,7 +37,7 @@ def add_edits(commands: Commands) -> None:
         'diga3d retexture captures/bear --prompt "white marble" --out run/bear',
     )
     add_run_options(retexture)
-    add_mask_boxes(retexture)
+    add_marks(retexture)
     retexture.add_argument(
         "--prompt", required=True, metavar="TEXT", help="the material; a word of the built-in vocabulary"
     )
@@ -50,7 +50,7 @@ def add_edits(commands: Commands) -> None:
         'diga3d replace captures/can --prompt "a wooden cube" --out run/can',
     )
     add_run_options(replace)
-    add_mask_boxes(replace)
+    add_marks(replace)
     new = replace.add_mutually_exclusive_group(required=True)
     new.add_argument("--prompt", metavar="TEXT", help='a built-in solid in a material: "a wooden cube"')
     new.add_argument(

@@ -52,7 +52,8 @@ def add_accuracy(command: argparse.ArgumentParser, of_what: str) -> None:
     )
 
 
-def add_mask_boxes(command: argparse.ArgumentParser) -> None:
+def add_marks(command: argparse.ArgumentParser) -> None:
+    """What says where the object is, in place of --masks."""
     command.add_argument(
         "--mask-box",
         dest="mask_boxes",
@@ -61,6 +62,17 @@ def add_mask_boxes(command: argparse.ArgumentParser) -> None:
         default=[],
         metavar=("VIEW", "X0", "Y0", "X1", "Y1"),
         help="a box [px] around the object in one view, in place of masks; up to three, from other sides",
+    )
+    command.add_argument(
+        "--mask-prompt",
+        metavar="TEXT",
+        help="what the object is called, in place of masks: found by GroundingDINO and SAM",
+    )
+    command.add_argument(
+        "--mask-models",
+        type=Path,
+        metavar="DIR",
+        help="folder with their weights in detector and cutter (default: the Hugging Face cache)",
     )
 
 

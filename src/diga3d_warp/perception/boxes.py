@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -62,14 +61,12 @@ class CutSettings:
 CUT = CutSettings()
 
 
-def read_boxes(words: Sequence[Sequence[str]], masks: Path | None) -> list[Box]:
+def read_boxes(words: Sequence[Sequence[str]]) -> list[Box]:
     """Boxes as they are given on the command line: VIEW X0 Y0 X1 Y1 each.
 
     Raises:
-        InputError: an edge is no whole number, or masks are given as well.
+        InputError: an edge is no whole number.
     """
-    if words and masks is not None:
-        raise InputError("--mask-box and --masks both say where the object is: give one of them")
     boxes = []
     for view, *edges in words:
         if not all(re.fullmatch(r"-?\d+", edge) for edge in edges):

@@ -12,11 +12,14 @@ from typing import Any
 import torch
 import torch.nn.functional as F
 
-from diga3d_warp.checkpoints import Checkpoint, load_model, locate, require_diffusion
+from diga3d_warp.checkpoints import Checkpoint, best_device, load_model, locate, require_diffusion
 from diga3d_warp.errors import InputError
 
 DETECTOR = Checkpoint("IDEA-Research/grounding-dino-tiny", 0.7)
 CUTTER = Checkpoint("facebook/sam-vit-base", 0.4)
+
+TOKENIZERS = ("tokenizer.json", "vocab.txt")
+"""Forms of a BERT tokenizer's words. Without any, transformers makes a tokenizer that knows no word."""
 
 MEAN = (0.485, 0.456, 0.406)
 STD = (0.229, 0.224, 0.225)
@@ -51,6 +54,32 @@ class Boxes:
     scores: torch.Tensor
 
 
+def mask_words(prompt: str) -> str:
+    """A prompt as the detector reads it, but for the full stop at its end.
+
+    Raises:
+        InputError: it is empty.
+    """
+    words = prompt.strip().lower().rstrip(" .")
+    if not words:
+        raise InputError("the mask prompt is empty: say what to mask, such as 'a watering can'")
+    return words
+
+
+def locate_models(models: Path | None) -> tuple[Path, Path]:
+    """Folders of detector and cutter.
+
+    Args:
+        models: Holds both, as `detector` and `cutter`; None for the Hugging Face cache.
+
+    Raises:
+        InputError: one is missing.
+    """
+    if models is None:
+        return locate(DETECTOR), locate(CUTTER)
+    return locate(DETECTOR, models / "detector"), locate(CUTTER, models / "cutter")
+
+
 class TextSegmenter:
     """GroundingDINO and SAM.
 
@@ -73,7 +102,7 @@ class TextSegmenter:
     def load(
         detector: str | Path | None = None,
         cutter: str | Path | None = None,
-        device: str = "cpu",
+        device: str = "auto",
         settings: SegmentationSettings | None = None,
     ) -> TextSegmenter:
         """Both models, from folders or from the Hugging Face cache.
@@ -82,10 +111,13 @@ class TextSegmenter:
             InputError: the weights or the libraries are missing, or broken.
         """
         require_diffusion()
+        device = best_device(device)
         from transformers import AutoTokenizer, GroundingDinoForObjectDetection, SamModel
 
         folder = locate(DETECTOR, detector)
         found = load_model(GroundingDinoForObjectDetection, folder).to(device)
+        if not any((folder / name).is_file() for name in TOKENIZERS):
+            raise InputError(f"{folder} lacks its tokenizer ({TOKENIZERS[0]}): download it again")
         try:
             tokenizer = AutoTokenizer.from_pretrained(folder, local_files_only=True)
         except (OSError, ValueError, TypeError) as error:
@@ -104,9 +136,7 @@ class TextSegmenter:
         Raises:
             InputError: the prompt is empty or too long.
         """
-        words = prompt.strip().lower().rstrip(".")
-        if not words:
-            raise InputError("the mask prompt is empty: say what to mask, such as 'a watering can'")
+        words = mask_words(prompt)
         text = self.tokenizer(words + ".", return_tensors="pt").to(self.detector.device)
         most = int(self.detector.config.max_text_len)
         if text.input_ids.shape[1] > most:

@@ -13,7 +13,7 @@ refit        the hole fitted to the filled views, with colour and depth
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import torch
@@ -24,9 +24,9 @@ from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.perception.boxes import Box, read_boxes
-from diga3d_warp.pipelines import boxing, stages
+from diga3d_warp.pipelines import carrying, marking, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
+from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, read_marks
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.classical import ClassicalPrior
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
@@ -92,7 +92,7 @@ def remove(
     settings: RemoveSettings | None = None,
     *,
     prior: Prior | None = None,
-    boxes: Sequence[Box] = (),
+    marks: Marks = OWN_MASKS,
     seed: int = 0,
     effects: Mapping[str, bool | int] | None = None,
 ) -> RemoveResult:
@@ -103,18 +103,18 @@ def remove(
         run: Where stages and results go; finished stages of an interrupted run are taken up.
         settings: How.
         prior: What invents the part that no view saw; `ExemplarPrior` if None.
-        boxes: Boxes around the object in up to three views, in place of masks.
+        marks: Boxes or words that say where the object is; the scene's masks do if there are none.
         seed: Same scene, settings and seed: same bytes.
         effects: Effects on which the user insists, by name; the scene decides on the others.
 
     Raises:
         InputError: no view has a mask, the masks lift to nothing, or there are fewer views than references.
     """
-    scene = boxing.boxed(scene, boxes)
+    scene = marking.mark(run, scene, marks)
     settings = settings or RemoveSettings()
     prior = prior or ExemplarPrior()
     stages.check_edit(scene, settings.references)
-    taken = take_out(scene, run, settings, prior, boxes, seed, effects)
+    taken = take_out(scene, run, settings, prior, marks, seed, effects)
     stages.show_views(run, taken.scene, taken.source, taken.gaussians)
     stages.finish(run, "refit")
     return RemoveResult(taken.gaussians, taken.source, run)
@@ -140,14 +140,14 @@ class TakenOut:
 
 
 def take_out(
-    scene: Scene, run: Run, settings: RemoveSettings, prior: Prior, boxes: Sequence[Box], seed: int,
+    scene: Scene, run: Run, settings: RemoveSettings, prior: Prior, marks: Marks, seed: int,
     effects: Mapping[str, bool | int] | None,
 ) -> TakenOut:  # fmt: skip
     """The stages of a removal, from the fit to the filled hole; arguments as `remove`."""
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.even_exposure(run, scene)
-    scene = boxing.carry_masks(run, scene, source, boxes, settings.lift)
+    scene = carrying.carry_masks(run, scene, source, marks, settings.lift)
     rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
     cleared = stages.clear_object(run, views, source, rows, settings.lift)
     backgrounds, depths = stages.look_behind(run, cleared)
@@ -158,7 +158,8 @@ def take_out(
 
 
 def remove_command(
-    scene: Path, out: Path, masks: Path | None, mask_boxes: Sequence[Sequence[str]], image_scale: float,
+    scene: Path, out: Path, masks: Path | None, mask_boxes: Sequence[Sequence[str]],
+    mask_prompt: str | None, mask_models: Path | None, image_scale: float,
     iterations: int | None, hold_out: int, seed: int, resume: bool, effects: Mapping[str, bool | int],
     accuracy: str, prior: str, references: int, selection: str,
 ) -> Run:  # fmt: skip
@@ -167,7 +168,7 @@ def remove_command(
     Raises:
         InputError: the input or the run folder is not usable.
     """
-    boxes = read_boxes(mask_boxes, masks)
+    marks = read_marks(masks, mask_boxes, mask_prompt, mask_models)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     settings = RemoveSettings(
         fit=fit_settings(capture, iterations, ACCURACIES[accuracy]),
@@ -175,18 +176,18 @@ def remove_command(
         references=references,
         selection=selection,
     )
-    stages.check_edit(boxing.boxed(capture, boxes), settings.references)
+    stages.check_edit(marking.glance(capture, marks), settings.references)
     run = Run(
         out,
         "remove",
         {
-            "scene": scene, "masks": masks, "mask_boxes": [astuple(box) for box in boxes],
+            "scene": scene, "masks": masks, **marks.settings(),
             "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
             "iterations": settings.fit.iterations, "accuracy": accuracy, "prior": prior,
             "references": references, "selection": selection, "effects": format_overrides(effects),
         },
         resume=resume,
     )  # fmt: skip
-    remove(capture, run, settings, prior=PRIORS[prior](), boxes=boxes, seed=seed, effects=effects)
+    remove(capture, run, settings, prior=PRIORS[prior](), marks=marks, seed=seed, effects=effects)
     conclude(run, capture)
     return run

@@ -9,7 +9,7 @@ settle          new object and shaded floor fitted to those views
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from dataclasses import replace as with_changes
 from pathlib import Path
 
@@ -21,9 +21,9 @@ from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.objects.asset import Asset, read_asset
 from diga3d_warp.objects.solids import solid_of
-from diga3d_warp.perception.boxes import Box, read_boxes
-from diga3d_warp.pipelines import boxing, placing, recolouring, stages
+from diga3d_warp.pipelines import marking, placing, recolouring, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
+from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, read_marks
 from diga3d_warp.pipelines.remove import PRIORS, REFIT, RemoveSettings, take_out
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
@@ -81,7 +81,7 @@ def replace(
     *,
     asset: Asset | None = None,
     prior: Prior | None = None,
-    boxes: Sequence[Box] = (),
+    marks: Marks = OWN_MASKS,
     seed: int = 0,
     effects: Mapping[str, bool | int] | None = None,
 ) -> ReplaceResult:
@@ -94,7 +94,7 @@ def replace(
         settings: How.
         asset: The new object, from `objects.asset.read_asset`.
         prior: What invents the part that no view saw behind the old one; `ExemplarPrior` if None.
-        boxes: Boxes around the object in up to three views, in place of masks.
+        marks: Boxes or words that say where the object is; the scene's masks do if there are none.
         seed: Same scene, prompt, asset, settings and seed: same bytes.
         effects: Effects on which the user insists, by name; the scene decides on the others.
 
@@ -104,9 +104,9 @@ def replace(
     """
     settings = settings or ReplaceSettings()
     asset = asset or solid_of(prompt, seed)
-    scene = boxing.boxed(scene, boxes)
+    scene = marking.mark(run, scene, marks)
     stages.check_edit(scene, settings.removal.references)
-    taken = take_out(scene, run, settings.removal, prior or ExemplarPrior(), boxes, seed, effects)
+    taken = take_out(scene, run, settings.removal, prior or ExemplarPrior(), marks, seed, effects)
     sights = recolouring.look_at_object(run, taken.views, taken.source, taken.rows)
     others = stages.with_lifted_masks(run, taken.scene.test_views)
     staged = placing.place_object(run, taken.views, others, sights, taken.gaussians, asset, settings.placing)
@@ -118,7 +118,8 @@ def replace(
 
 def replace_command(
     scene: Path, prompt: str | None, asset: Path | None, out: Path, masks: Path | None,
-    mask_boxes: Sequence[Sequence[str]], image_scale: float, iterations: int | None, hold_out: int,
+    mask_boxes: Sequence[Sequence[str]], mask_prompt: str | None, mask_models: Path | None,
+    image_scale: float, iterations: int | None, hold_out: int,
     seed: int, resume: bool, effects: Mapping[str, bool | int], accuracy: str, prior: str,
     references: int, selection: str,
 ) -> Run:  # fmt: skip
@@ -128,7 +129,7 @@ def replace_command(
         InputError: the input or the run folder is not usable.
     """
     new = read_asset(asset) if asset is not None else solid_of(prompt or "", seed)
-    boxes = read_boxes(mask_boxes, masks)
+    marks = read_marks(masks, mask_boxes, mask_prompt, mask_models)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     removal = RemoveSettings(
         fit=fit_settings(capture, iterations, ACCURACIES[accuracy]),
@@ -137,20 +138,20 @@ def replace_command(
         selection=selection,
     )
     settings = ReplaceSettings(removal, settle=with_changes(SETTLE, accuracy=ACCURACIES[accuracy]))
-    stages.check_edit(boxing.boxed(capture, boxes), references)
+    stages.check_edit(marking.glance(capture, marks), references)
     run = Run(
         out,
         "replace",
         {
             "scene": scene, "prompt": prompt, "asset": asset, "masks": masks,
-            "mask_boxes": [astuple(box) for box in boxes], "image_scale": image_scale, "hold_out": hold_out,
+            **marks.settings(), "image_scale": image_scale, "hold_out": hold_out,
             "seed": seed, "iterations": removal.fit.iterations, "accuracy": accuracy, "prior": prior,
             "references": references, "selection": selection, "effects": format_overrides(effects),
         },
         resume=resume,
     )  # fmt: skip
     replace(
-        capture, prompt or "", run, settings, asset=new, prior=PRIORS[prior](), boxes=boxes, seed=seed,
+        capture, prompt or "", run, settings, asset=new, prior=PRIORS[prior](), marks=marks, seed=seed,
         effects=effects,
     )  # fmt: skip
     conclude(run, capture)

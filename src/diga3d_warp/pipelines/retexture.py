@@ -12,7 +12,7 @@ refit        the object's gaussians, cut finer, fitted to the repainted views
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from diga3d_warp.config import ACCURACIES
@@ -24,9 +24,9 @@ from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.materials.vocabulary import material_of
 from diga3d_warp.objects.repaint import MaterialRepainter, Repainter
-from diga3d_warp.perception.boxes import Box, read_boxes
-from diga3d_warp.pipelines import boxing, recolouring, stages
+from diga3d_warp.pipelines import carrying, marking, recolouring, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
+from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, read_marks
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene
@@ -89,7 +89,7 @@ def retexture(
     settings: RetextureSettings | None = None,
     *,
     repainter: Repainter | None = None,
-    boxes: Sequence[Box] = (),
+    marks: Marks = OWN_MASKS,
     seed: int = 0,
     effects: Mapping[str, bool | int] | None = None,
 ) -> RetextureResult:
@@ -101,7 +101,7 @@ def retexture(
         run: Where stages and results go; finished stages of an interrupted run are taken up.
         settings: How.
         repainter: What makes the new look; the built-in materials if None.
-        boxes: Boxes around the object in up to three views, in place of masks.
+        marks: Boxes or words that say where the object is; the scene's masks do if there are none.
         seed: Same scene, prompt, settings and seed: same bytes.
         effects: Effects on which the user insists, by name; the scene decides on the others.
 
@@ -109,14 +109,14 @@ def retexture(
         InputError: no view has a mask, the masks lift to nothing, there are fewer views than references, or
             the prompt names no built-in material.
     """
-    scene = boxing.boxed(scene, boxes)
+    scene = marking.mark(run, scene, marks)
     settings = settings or RetextureSettings()
     repainter = repainter or MaterialRepainter(material_of(prompt))
     stages.check_edit(scene, settings.references)
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.even_exposure(run, scene)
-    scene = boxing.carry_masks(run, scene, source, boxes, settings.lift)
+    scene = carrying.carry_masks(run, scene, source, marks, settings.lift)
     rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
     sights = recolouring.look_at_object(run, views, source, rows)
     references = stages.choose_references(run, views, settings.references, settings.selection, seed)
@@ -131,7 +131,8 @@ def retexture(
 
 def retexture_command(
     scene: Path, prompt: str, out: Path, masks: Path | None, mask_boxes: Sequence[Sequence[str]],
-    image_scale: float, iterations: int | None, hold_out: int, seed: int, resume: bool,
+    mask_prompt: str | None, mask_models: Path | None, image_scale: float,
+    iterations: int | None, hold_out: int, seed: int, resume: bool,
     effects: Mapping[str, bool | int], accuracy: str, references: int, selection: str,
 ) -> Run:  # fmt: skip
     """`diga3d retexture`: read the capture, change the object's material, measure, leave a run folder.
@@ -140,7 +141,7 @@ def retexture_command(
         InputError: the input or the run folder is not usable.
     """
     repainter = MaterialRepainter(material_of(prompt))
-    boxes = read_boxes(mask_boxes, masks)
+    marks = read_marks(masks, mask_boxes, mask_prompt, mask_models)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     settings = RetextureSettings(
         fit=fit_settings(capture, iterations, ACCURACIES[accuracy]),
@@ -148,18 +149,18 @@ def retexture_command(
         references=references,
         selection=selection,
     )
-    stages.check_edit(boxing.boxed(capture, boxes), settings.references)
+    stages.check_edit(marking.glance(capture, marks), settings.references)
     run = Run(
         out,
         "retexture",
         {
-            "scene": scene, "prompt": prompt, "masks": masks, "mask_boxes": [astuple(box) for box in boxes],
+            "scene": scene, "prompt": prompt, "masks": masks, **marks.settings(),
             "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
             "iterations": settings.fit.iterations, "accuracy": accuracy,
             "references": references, "selection": selection, "effects": format_overrides(effects),
         },
         resume=resume,
     )  # fmt: skip
-    retexture(capture, prompt, run, settings, repainter=repainter, boxes=boxes, seed=seed, effects=effects)
+    retexture(capture, prompt, run, settings, repainter=repainter, marks=marks, seed=seed, effects=effects)
     conclude(run, capture)
     return run

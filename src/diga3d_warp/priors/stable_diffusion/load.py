@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import torch
 
-from diga3d_warp.checkpoints import Checkpoint, load_model, locate, require_diffusion
+from diga3d_warp.checkpoints import Checkpoint, best_device, load_model, locate, require_diffusion
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.protocol import Task
 from diga3d_warp.priors.sampling import SamplingSettings
@@ -110,7 +110,7 @@ def load_stable_diffusion(
             controlnets=nets,
             images=images,
         ),
-        ("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device,
+        best_device(device),
         prompting=task_prompts if knows_task_words(tokenizer) else plain_prompts,
         positive=positive,
         negative=negative,

@@ -1,4 +1,4 @@
-"""Masks of all views from boxes in a few of them, on a tiny room."""
+"""Masks of all views from those of a few, on a tiny room."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from diga3d_warp import cli
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.perception.boxes import Box
-from diga3d_warp.pipelines.boxing import SHEET, boxed, carry_masks
+from diga3d_warp.pipelines.carrying import SHEET, carry_masks
+from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, mark
 from diga3d_warp.pipelines.run import Run
 
 
@@ -25,12 +25,12 @@ def box_around(view) -> Box:
 
 @pytest.fixture(scope="module")
 def carried(removed, tmp_path_factory):
-    boxes = [box_around(removed.scene.views[k]) for k in (0, 3, 6)]
+    marks = Marks(tuple(box_around(removed.scene.views[k]) for k in (0, 3, 6)))
     run = Run(tmp_path_factory.mktemp("boxes") / "run", "remove", {})
-    scene = boxed(removed.scene, boxes)
+    scene = mark(run, removed.scene, marks)
     assert [view.mask is not None for view in scene.views] == [k in (0, 3, 6) for k in range(7)]
     assert all(view.mask is None for view in scene.test_views)
-    return carry_masks(run, scene, removed.result.source, boxes, LiftSettings()), run
+    return carry_masks(run, scene, removed.result.source, marks, LiftSettings()), run
 
 
 def test_every_view_gets_a_mask_near_the_true_one(carried, removed):
@@ -49,34 +49,18 @@ def test_the_sheet_shows_every_view(carried):
     assert 0.005 < pink < 0.5
 
 
-def test_without_boxes_nothing_changes(removed, tmp_path):
+def test_without_marks_nothing_changes(removed, tmp_path):
     run = Run(tmp_path / "run", "remove", {})
-    assert boxed(removed.scene, []) is removed.scene
-    assert carry_masks(run, removed.scene, removed.result.source, [], LiftSettings()) is removed.scene
+    assert mark(run, removed.scene, OWN_MASKS) is removed.scene
+    assert carry_masks(run, removed.scene, removed.result.source, OWN_MASKS, LiftSettings()) is removed.scene
     assert not (tmp_path / "run" / "stages").exists()
 
 
 def test_a_mask_that_lifts_to_no_gaussian(removed, tmp_path):
-    box = box_around(removed.scene.views[1])
-    scene = boxed(removed.scene, [box])
+    run = Run(tmp_path / "run", "remove", {})
+    marks = Marks((box_around(removed.scene.views[1]),))
+    scene = mark(run, removed.scene, marks)
     nowhere = removed.result.source.detached()
     nowhere.means += 1000.0
-    with pytest.raises(InputError, match="the mask boxes lift to no gaussian"):
-        carry_masks(Run(tmp_path / "run", "remove", {}), scene, nowhere, [box], LiftSettings())
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["nobody", "1", "2", "30", "40"], "there is no view 'nobody'"),
-        (["view_001", "1", "2", "300", "40"], "is not within its 96 x 72 px"),
-        (["view_001", "1", "2", "3", "x"], "are not four whole numbers"),
-    ],
-)
-@pytest.mark.parametrize("command", [["remove"], ["retexture", "--prompt", "gold"]])
-def test_bad_boxes_are_one_line_and_leave_nothing(room, tmp_path, capfd, command, words, said):
-    arguments = [*command, str(room), "--out", str(tmp_path / "run"), "--mask-box", *words]
-    assert cli.main(arguments) == 2
-    lines = [line for line in capfd.readouterr().err.replace("\r", "\n").splitlines() if "error" in line]
-    assert len(lines) == 1 and said in lines[0]
-    assert not (tmp_path / "run").exists()
+    with pytest.raises(InputError, match="the marked object lifts to no gaussian"):
+        carry_masks(run, scene, nowhere, marks, LiftSettings())

@@ -1,4 +1,4 @@
-"""Masks from one to three boxes: cut out of their views, lifted to 3D, and carried to all views."""
+"""Masks of some views carried to all: lifted to 3D, and cut along the colours of each view."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.files import write_image
 from diga3d_warp.gaussians.lift import LiftSettings, object_mask, object_rows, vote
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.perception.boxes import Box, cut_along, cut_out, find_boxed
+from diga3d_warp.perception.boxes import cut_along
 from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines.marking import Marks
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.scene import Scene, View
 
@@ -25,13 +26,13 @@ TINT = (255, 64, 160)
 
 
 @dataclass(frozen=True)
-class BoxSettings:
+class CarrySettings:
     """How the masks of a few views become those of all.
 
     Attributes:
         grid: Cells across the object in which gaussians count as joined: what hangs together is the object.
         part: Smallest other group that belongs to it, too [share of the largest].
-        depth: How far behind what the boxed views see the object may go on [object sizes], within the
+        depth: How far behind what the masked views see the object may go on [object sizes], within the
             outline that they give it.
         sure: How far inside its outline a view's pixels surely show the object [image diagonals].
         reach: How far outside of it they may [image diagonals].
@@ -48,44 +49,26 @@ class BoxSettings:
     columns: int = 6
 
 
-def boxed(scene: Scene, boxes: Sequence[Box]) -> Scene:
-    """The scene with masks in the boxed views only, cut out by colour; as it is if there is no box.
+def carry_masks(run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: LiftSettings) -> Scene:
+    """Masks for all views from those of the marked ones; the scene as it is if it brought its own masks.
 
-    Raises:
-        InputError: a box is not usable; see `perception.boxes`.
-    """
-    if not boxes:
-        return scene
-    found = find_boxed(boxes, scene)
-
-    def cut(view: View) -> View:
-        return view.with_mask(cut_out(view, found[view.name]) if view.name in found else None)
-
-    return replace(
-        scene, views=[cut(view) for view in scene.views], test_views=[cut(view) for view in scene.test_views]
-    )
-
-
-def carry_masks(run: Run, scene: Scene, source: Gaussians, boxes: Sequence[Box], lift: LiftSettings) -> Scene:
-    """Masks for all views from those of the boxed ones; the scene as it is if there is no box.
-
-    The gaussians that the boxed views show the object by give every other view a rough mask, whose edge
+    The gaussians that the marked views show the object by give every other view a rough mask, whose edge
     GrabCut then lays along the colours. A sheet of all masks goes into the run folder.
 
     Raises:
         InputError: the masks lift to no gaussian.
     """
-    if not boxes:
+    if marks.own:
         return scene
     views = [*scene.views, *scene.test_views]
-    settings = BoxSettings()
+    settings = CarrySettings()
 
     def compute(folder: Path) -> None:
         known = [view for view in views if view.mask is not None]
         seeds, candidates = object_seeds(source, known, lift, settings)
         if not seeds.any():
             raise InputError(
-                f"{scene.path}: the mask boxes lift to no gaussian; draw them around what the splat shows"
+                f"{scene.path}: the marked object lifts to no gaussian; mark what the splat shows"
             )
         cut = [
             view if view.mask is not None
@@ -102,7 +85,7 @@ def carry_masks(run: Run, scene: Scene, source: Gaussians, boxes: Sequence[Box],
             masks.append(mask)
         write_image(folder / SHEET, overlay_sheet(views, masks, settings))
 
-    folder = run.stage("boxes", compute)
+    folder = run.stage("carry", compute)
     run.publish(folder / SHEET, SHEET)
 
     def read(view: View) -> View:
@@ -114,7 +97,7 @@ def carry_masks(run: Run, scene: Scene, source: Gaussians, boxes: Sequence[Box],
 
 
 def object_seeds(
-    source: Gaussians, known: Sequence[View], lift: LiftSettings, settings: BoxSettings
+    source: Gaussians, known: Sequence[View], lift: LiftSettings, settings: CarrySettings
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Gaussians that the masked views show to be the object, and those that may be, both shape (N,), bool."""
     from scipy.ndimage import label
@@ -159,9 +142,9 @@ def _bounds(points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 def _carried(
     source: Gaussians, view: View, seeds: torch.Tensor, candidates: torch.Tensor, lift: LiftSettings,
-    settings: BoxSettings,
+    settings: CarrySettings,
 ) -> np.ndarray:  # fmt: skip
-    """The mask of a view without a box."""
+    """The mask of a view that is not marked."""
     import cv2
 
     diagonal = float(np.hypot(*view.pixels.shape[:2]))
@@ -173,7 +156,7 @@ def _carried(
     return cut_along(view.pixels, surely, likely, max(2, round(settings.reach * diagonal)))
 
 
-def overlay_sheet(views: Sequence[View], masks: Sequence[np.ndarray], settings: BoxSettings) -> np.ndarray:
+def overlay_sheet(views: Sequence[View], masks: Sequence[np.ndarray], settings: CarrySettings) -> np.ndarray:
     """All views with their masks tinted and outlined, side by side, shape (H, W, 3), uint8."""
     import cv2
 

@@ -1,0 +1,177 @@
+"""Where the object is: the capture's own masks, boxes in a few views, or words (the paper's T_m).
+
+Boxes and words give masks in some views; `carrying` carries those to all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.files import write_image
+from diga3d_warp.perception.boxes import Box, cut_out, find_boxed, read_boxes
+from diga3d_warp.perception.segmentation import TextSegmenter, locate_models, mask_words
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.pipelines.stages import read_mask
+from diga3d_warp.scene.scene import Scene, View
+
+
+@dataclass(frozen=True)
+class Words:
+    """What the object is called.
+
+    Attributes:
+        prompt: Such as "a watering can"; several things are separated by full stops.
+        models: Folder that holds `detector` and `cutter`; the Hugging Face cache if None.
+    """
+
+    prompt: str
+    models: Path | None = None
+
+    def segmenter(self) -> TextSegmenter:
+        """The models, read anew: they are large and needed for one stage only.
+
+        Raises:
+            InputError: weights or libraries are missing, or broken.
+        """
+        return TextSegmenter.load(*locate_models(self.models), device="auto")
+
+
+@dataclass(frozen=True)
+class Marks:
+    """What says where the object is; without boxes and words the capture's own masks do.
+
+    Attributes:
+        boxes: Boxes around it in up to three views.
+        words: What it is called.
+    """
+
+    boxes: tuple[Box, ...] = ()
+    words: Words | None = None
+
+    @property
+    def own(self) -> bool:
+        """Whether the capture's own masks say it."""
+        return not self.boxes and self.words is None
+
+    def settings(self) -> dict[str, Any]:
+        """For the manifest of a run."""
+        return {
+            "mask_boxes": [astuple(box) for box in self.boxes],
+            "mask_prompt": self.words.prompt if self.words else None,
+            "mask_models": self.words.models if self.words else None,
+        }
+
+
+OWN_MASKS = Marks()
+
+
+def read_marks(
+    masks: Path | None, mask_boxes: Sequence[Sequence[str]], mask_prompt: str | None, mask_models: Path | None
+) -> Marks:
+    """Marks as they are given on the command line.
+
+    Raises:
+        InputError: two of them are given, an edge of a box is no whole number, the prompt is empty, or the
+            weights for it are missing.
+    """
+    given = {"--masks": masks, "--mask-box": mask_boxes or None, "--mask-prompt": mask_prompt}
+    names = [name for name, value in given.items() if value is not None]
+    if len(names) > 1:
+        raise InputError(f"{' and '.join(names)} each say where the object is: give one of them")
+    if mask_prompt is None:
+        if mask_models is not None:
+            raise InputError("--mask-models is read for --mask-prompt only: give what the object is called")
+        return Marks(tuple(read_boxes(mask_boxes)))
+    mask_words(mask_prompt)
+    locate_models(mask_models)
+    return Marks(words=Words(mask_prompt, mask_models))
+
+
+def glance(scene: Scene, marks: Marks) -> Scene:
+    """The scene with the masks that can be had at once: of all boxes, or of the first view with a hit.
+
+    Raises:
+        InputError: a box or the prompt is not usable, weights are missing or broken, or what the words name
+            is in no view.
+    """
+    if marks.words is None:
+        return _boxed(scene, marks.boxes)
+    segmenter = marks.words.segmenter()
+    for view in scene.views:
+        mask = _segmented(view, segmenter, marks.words.prompt)
+        if mask.any():
+            return _with_masks(scene, {view.name: mask})
+    raise _unseen(scene, marks.words)
+
+
+def mark(run: Run, scene: Scene, marks: Marks) -> Scene:
+    """The scene with masks in the views whose boxes or photographs give them, none in others.
+
+    Words are looked for in the training views. Without marks the scene stays as it is.
+
+    Raises:
+        InputError: as `glance`.
+    """
+    words = marks.words
+    if words is None:
+        return _boxed(scene, marks.boxes)
+
+    def compute(folder: Path) -> None:
+        from tqdm import tqdm
+
+        segmenter, found = words.segmenter(), False
+        for view in tqdm(scene.views, "finding the object", unit="view", leave=False):
+            file = folder / f"{view.name}.png"
+            if not file.exists():  # else a killed attempt found it
+                write_image(file, _segmented(view, segmenter, words.prompt))
+            found |= bool(read_mask(file).any())
+        if not found:
+            raise _unseen(scene, words)
+
+    folder = run.stage("find", compute)
+    masks = {view.name: read_mask(folder / f"{view.name}.png") for view in scene.views}
+    hits = {name: mask for name, mask in masks.items() if mask.any()}
+    misses = [name for name in masks if name not in hits]
+    if misses:
+        run.note(
+            f"the mask prompt {words.prompt!r} finds nothing in {len(misses)} of {len(masks)} views, "
+            f"which take their masks from the object in 3D: {', '.join(misses)}"
+        )
+    return _with_masks(scene, hits)
+
+
+def _boxed(scene: Scene, boxes: Sequence[Box]) -> Scene:
+    """The scene with masks in the boxed views only, cut out by colour; as it is if there is no box."""
+    if not boxes:
+        return scene
+    views = {view.name: view for view in [*scene.views, *scene.test_views]}
+    found = find_boxed(boxes, scene)
+    return _with_masks(scene, {name: cut_out(views[name], box) for name, box in found.items()})
+
+
+def _with_masks(scene: Scene, masks: Mapping[str, np.ndarray]) -> Scene:
+    """The scene with these masks by the names of their views, and no others."""
+
+    def masked(views: Sequence[View]) -> list[View]:
+        return [view.with_mask(masks.get(view.name)) for view in views]
+
+    return replace(scene, views=masked(scene.views), test_views=masked(scene.test_views))
+
+
+def _segmented(view: View, segmenter: TextSegmenter, prompt: str) -> np.ndarray:
+    """What the prompt names in a view, shape (H, W), bool."""
+    return segmenter.mask(torch.from_numpy(view.pixels).float() / 255.0, prompt).numpy()
+
+
+def _unseen(scene: Scene, words: Words) -> InputError:
+    return InputError(
+        f"{scene.path}: no view shows {words.prompt[:60]!r}; "
+        "say it in other words, or give --masks or --mask-box"
+    )
