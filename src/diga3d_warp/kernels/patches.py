@@ -176,7 +176,9 @@ def search_kernel(form: PatchForm) -> wp.Kernel:
                 if way * worth < last:
                     total = float(0.0)
                     first = key - radius * (source_width + 1)
-                    for row in range(side):
+                    row = int(0)
+                    # Past the last candidate's distance the rest of the patch does not matter.
+                    while row < side and (way + total) * worth < last:
                         start = (first + row * source_width) * channels
                         part = float(0.0)
                         lane = int(0)
@@ -185,6 +187,7 @@ def search_kernel(form: PatchForm) -> wp.Kernel:
                             part += weight[row * row_floats + lane] * difference * difference
                             lane += 1
                         total += part
+                        row += 1
                     d = (way + total) * worth
                     if d < last:
                         rank = int(kept - 1)

@@ -73,17 +73,21 @@ class Conditioning:
         mask: 1 where to invent, shape (B, 1, h, w).
         channels: What else the model is given for each cell, shape (B, C', h, w), or None. For a 9-channel
             inpainting UNet mask and masked latents; what another prior puts here is its own affair.
+        prepared: What the prior has worked out of each image once, for all timesteps, B entries on its
+            device; None if it works out nothing.
     """
 
     latent: torch.Tensor
     mask: torch.Tensor
     channels: torch.Tensor | None = None
+    prepared: tuple[Any, ...] | None = None
 
     def rows(self, rows: Sequence[int], device: torch.device) -> Conditioning:
         """The conditioning of some of the images, on a device."""
         chosen = list(rows)
         channels = None if self.channels is None else self.channels[chosen].to(device)
-        return Conditioning(self.latent[chosen].to(device), self.mask[chosen].to(device), channels)
+        prepared = None if self.prepared is None else tuple(self.prepared[row] for row in chosen)
+        return Conditioning(self.latent[chosen].to(device), self.mask[chosen].to(device), channels, prepared)
 
 
 EDGES_SCALE = 0.8

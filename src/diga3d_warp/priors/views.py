@@ -155,12 +155,14 @@ def _encode(
         starts.append(start.to(host))
         noises.append(noise.to(host))
     channels = [cond.channels for cond in conds if cond.channels is not None]
+    prepared = [part for cond in conds for part in cond.prepared or ()]
     return ViewLatents(
         start=torch.cat(starts),
         cond=Conditioning(
             torch.cat([cond.latent for cond in conds]),
             torch.cat([cond.mask for cond in conds]),
             torch.cat(channels) if channels else None,
+            tuple(prepared) if prepared else None,
         ),
         controls=tuple(
             Control(parts[0].kind, torch.cat([part.image for part in parts]), parts[0].scale)

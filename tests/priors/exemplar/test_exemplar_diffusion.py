@@ -5,13 +5,14 @@ import torch
 from known_textures import HEIGHT, TEXTURES, WIDTH, error_db, hole, spoilt
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.priors.attention import AttentionBank
 from diga3d_warp.priors.classical import telea_fill
 from diga3d_warp.priors.distillation import distillation_loss
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.exemplar.prompts import OBJECT, SURROUNDINGS, PatchPrompt
 from diga3d_warp.priors.guidance import Guidance
 from diga3d_warp.priors.inversion import invert
-from diga3d_warp.priors.protocol import Control, DiffusionPrior, Prompts
+from diga3d_warp.priors.protocol import Conditioning, Control, DiffusionPrior, Prompts
 from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, initial_noise, sample_views
 from diga3d_warp.priors.views import fill_one
 
@@ -50,7 +51,53 @@ def test_noise_estimates_take_the_known_part_as_clean():
         outside = ~mask[None, None].expand_as(z)
         torch.testing.assert_close(estimate[outside], noise[outside], atol=1e-3, rtol=0.0)
         again = prior.predict_noise(z, t, SURROUNDINGS, cond)
-        assert torch.equal(again, estimate), "nothing is kept between calls"
+        assert torch.equal(again, estimate), "nothing that depends on noise is kept between calls"
+        anew = prior.predict_noise(z, t, SURROUNDINGS, Conditioning(cond.latent, cond.mask))
+        assert torch.equal(anew, estimate), "what is prepared changes nothing"
+
+
+def test_other_controls_are_heeded_with_the_same_conditioning():
+    """What was prepared with one set of controls does not stand in for another."""
+    prior = ExemplarPrior()
+    truth, mask = small("stripes")
+    cond = prior.conditioning(truth[None], mask[None])
+    t = 300
+    z = prior.schedule.add_noise(cond.latent, initial_noise(cond.latent.shape, 0), t)
+    edges = (truth[..., 0] > 0.5).float()[None]
+    controls = [(), (Control("edges", edges, 1.0),), (Control("edges", edges.flip(1), 1.0),), ()]
+    shared = [prior.predict_noise(z, t, SURROUNDINGS, cond, each) for each in controls]
+    own = [
+        prior.predict_noise(z, t, SURROUNDINGS, prior.conditioning(truth[None], mask[None]), each)
+        for each in controls
+    ]
+    for a, b in zip(shared, own, strict=True):
+        assert torch.equal(a, b)
+    assert not torch.equal(own[0], own[1]) and not torch.equal(own[1], own[2])
+
+
+def test_a_reference_that_is_all_known_leaves_its_clean_patches():
+    """Nothing is missing in it: its noise is told exactly, whatever the level, and its image is kept."""
+    prior = ExemplarPrior()
+    truth, mask = small("stripes")
+    cond = prior.conditioning(truth[None], torch.zeros_like(mask)[None])
+    t = 800
+    noise = initial_noise(cond.latent.shape, 0)
+    bank = AttentionBank(1.0)
+    prior.install_attention(bank)
+    with bank.writing():
+        estimate = prior.predict_noise(prior.schedule.add_noise(cond.latent, noise, t), t, SURROUNDINGS, cond)
+    torch.testing.assert_close(estimate, noise, atol=1e-4, rtol=1e-4)
+    assert bank.size == 2 * cond.latent.nbytes
+
+    grey = torch.full_like(truth, 0.5)
+    other = prior.conditioning(grey[None], mask[None])
+    low = 300
+    z = prior.schedule.add_noise(cond.latent, noise, low)
+    with bank.reading():
+        read = prior.schedule.denoise(z, prior.predict_noise(z, low, SURROUNDINGS, other), low)
+    prior.install_attention(None)
+    inside = mask[None, None].expand_as(z)
+    assert (read - cond.latent)[inside].abs().mean() < 0.1 < (read - other.latent)[inside].abs().mean()
 
 
 def test_little_noise_is_told_from_the_image():

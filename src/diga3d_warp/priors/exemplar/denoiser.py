@@ -36,7 +36,8 @@ def posterior_mean(
 ) -> torch.Tensor:
     """What a noisy image most likely was, given that its patches come from a source.
 
-    The same arguments give the same bytes on one device: nothing is kept between calls.
+    The same arguments give the same bytes on one device: between calls, sources keep what was made of them
+    alone, which holds at any noise, and nothing else.
 
     Args:
         noisy: The image plus noise, shape (H, W, 3).
@@ -57,6 +58,8 @@ def posterior_mean(
     if not bool(source.usable.any()):
         raise ValueError("a source must have a usable pixel")
     image = known.image
+    if not bool(missing.any()):
+        return image
     previous: tuple[QueryScale, SourceScale, Estimate] | None = None
     for size, shrink in scale_sizes(missing.shape, settings.coarsest):
         if previous is not None and noise / shrink > settings.noise_next:

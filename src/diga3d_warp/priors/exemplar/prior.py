@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch.utils.weak import WeakTensorKeyDictionary
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.attention import AttentionBank
@@ -62,6 +63,8 @@ class ExemplarPrior:
         self.device = torch.device(device)
         self.schedule = patch_schedule()
         self._bank: AttentionBank | None = None
+        # What references left, as sources that all views read: for as long as the bank keeps the keys.
+        self._left = WeakTensorKeyDictionary()
 
     def fill(
         self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0, depth: torch.Tensor | None = None
@@ -109,7 +112,8 @@ class ExemplarPrior:
 
     def conditioning(self, images: torch.Tensor, masks: torch.Tensor) -> Conditioning:
         """The known part; see `DiffusionPrior.conditioning`."""
-        return Conditioning(self.encode_image(images), masks[:, None].to(self.device, torch.float32))
+        latent, mask = self.encode_image(images).detach(), masks[:, None].to(self.device, torch.float32)
+        return Conditioning(latent, mask, prepared=tuple(map(_known, latent, mask[:, 0])))
 
     def embed_images(self, images: torch.Tensor) -> None:
         """There is no image encoder."""
@@ -141,16 +145,12 @@ class ExemplarPrior:
         noise = ((1.0 - alpha) / alpha) ** 0.5
         means = []
         for row in range(len(z)):
-            known = self._known(cond, controls, row)
+            known = cond.prepared[row] if cond.prepared else _known(cond.latent[row], cond.mask[row, 0])
+            planes = [_control_plane(control, row, self.patches) for control in controls]
+            if planes:
+                known = known.with_controls(torch.stack(planes, -1).to(known.image))
             means.append(self._attend(z[row].permute(1, 2, 0) / alpha**0.5, noise, known, text))
         return self.schedule.noise_between(z, torch.stack(means).permute(0, 3, 1, 2), t)
-
-    def _known(self, cond: Conditioning, controls: Sequence[Control], row: int) -> Source:
-        """A view as a source whose missing pixels are not usable."""
-        image = cond.latent[row].permute(1, 2, 0)
-        planes = [_control_plane(control, row, self.patches) for control in controls]
-        channels = torch.stack(planes, -1).to(image) if planes else image.new_zeros(*image.shape[:2], 0)
-        return Source(image.contiguous(), cond.mask[row, 0] < 0.5, channels)
 
     def _attend(self, noisy: torch.Tensor, noise: float, known: Source, text: PatchPrompt) -> torch.Tensor:
         """Estimate of one view, blended by the bank with those from the references' patches."""
@@ -163,16 +163,23 @@ class ExemplarPrior:
         def attention(query: torch.Tensor, keys: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
             if keys is key:
                 return own[None]
-            usable = torch.ones_like(known.usable[:1, :1]).expand(keys.shape[1:3])
-            source = Source(values[0], usable, keys[0, ..., 3:], placed=False)
-            return self._mean(query[0], noise, known, source)[None]
+            if keys not in self._left:
+                usable = torch.ones_like(known.usable[:1, :1]).expand(keys.shape[1:3])
+                self._left[keys] = Source(values[0], usable, keys[0, ..., 3:], placed=False)
+            return self._mean(query[0], noise, known, self._left[keys])[None]
 
         return self._bank.attend(LAYER, noisy[None], key, own[None], attention)[0]
 
     def _mean(self, noisy: torch.Tensor, noise: float, known: Source, source: Source) -> torch.Tensor:
         if source.controls.shape[2] == 0:
-            known = Source(known.image, known.usable, source.controls.new_zeros(*known.usable.shape, 0))
+            known = known.without_controls
         return posterior_mean(noisy, noise, known, source, self.patches, self.settings)
+
+
+def _known(latent: torch.Tensor, mask: torch.Tensor) -> Source:
+    """A view (3, H, W) as a source whose masked pixels are not usable."""
+    image = latent.permute(1, 2, 0).contiguous()
+    return Source(image, mask < 0.5, image.new_zeros(*mask.shape, 0))
 
 
 def _source_of(text: PatchPrompt, known: Source) -> Source:

@@ -121,10 +121,14 @@ def query_at(
         size, shrink: From `scale_sizes`.
         settings: Of the patches.
     """
-    image, share = shrunk(known.image, known.usable, size)
-    controls, _ = shrunk(known.controls, torch.ones_like(known.usable), size)
-    missing = ~known.usable if shrink == 1.0 else share < 0.5
-    return QueryScale(image, missing, controls, shrink, settings)
+
+    def make() -> QueryScale:
+        image, share = shrunk(known.image, known.usable, size)
+        controls, _ = shrunk(known.controls, torch.ones_like(known.usable), size)
+        missing = ~known.usable if shrink == 1.0 else share < 0.5
+        return QueryScale(image, missing, controls, shrink, settings)
+
+    return known.once(("queries", size, shrink, settings), make)
 
 
 def padded(planes: torch.Tensor, radius: int) -> torch.Tensor:

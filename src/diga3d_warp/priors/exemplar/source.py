@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, TypeVar
 
 import torch
 import torch.nn.functional as F
@@ -12,6 +15,8 @@ from diga3d_warp.kernels.patches import LANES, Keys, PatchForm
 from diga3d_warp.priors.exemplar.scales import shrunk
 from diga3d_warp.priors.exemplar.settings import PATCHES, PatchSettings
 from diga3d_warp.splatting.arrays import warp_array
+
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +34,40 @@ class Source:
     usable: torch.Tensor
     controls: torch.Tensor
     placed: bool = True
+    _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
+
+    def once(self, key: Hashable, make: Callable[[], Made]) -> Made:
+        """What `make` makes of this source alone, made when it is first asked for.
+
+        A source is read at many noise levels and by many views; its scales are the same each time.
+        """
+        if key not in self._made:
+            self._made[key] = make()
+        made: Made = self._made[key]
+        return made
 
     def at(self, size: tuple[int, int], settings: PatchSettings = PATCHES) -> SourceScale:
         """The source shrunk to a size [px]."""
+        return self.once(("keys", size, settings), lambda: self._at(size, settings))
+
+    def with_controls(self, controls: torch.Tensor) -> Source:
+        """The same source with other controls (H, W, c); what was made for equal ones is kept."""
+        if controls.shape == self.controls.shape and torch.equal(controls, self.controls):
+            return self
+        last: Source | None = self._made.get("controlled")
+        if last is None or last.controls.shape != controls.shape or not torch.equal(last.controls, controls):
+            last = Source(self.image, self.usable, controls, self.placed)
+            self._made["controlled"] = last
+        return last
+
+    @cached_property
+    def without_controls(self) -> Source:
+        """The same source without controls, for patches that have none."""
+        if self.controls.shape[2] == 0:
+            return self
+        return Source(self.image, self.usable, self.controls[..., :0], self.placed)
+
+    def _at(self, size: tuple[int, int], settings: PatchSettings) -> SourceScale:
         image, share = shrunk(self.image, self.usable, size)
         usable = share > 0.999
         whole = ~_widened(~usable, settings.radius)
@@ -62,7 +98,7 @@ class SourceScale:
         """Height and width [px]."""
         return self.centers.shape[0], self.centers.shape[1]
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Number of usable patches."""
         return int(self.centers.sum())
@@ -77,12 +113,17 @@ class SourceScale:
         Args:
             scale: Factor on the distances to each, shape (h, w); 1 if None.
         """
-        slack = self.features.new_zeros(LANES)
-        values = torch.cat([self.features.reshape(-1), slack])
         factor = self.centers.float() if scale is None else self.centers * scale
         return Keys(
-            warp_array(values, wp.float32), warp_array(factor.reshape(-1), wp.float32), self.features.shape[1]
+            warp_array(self._values, wp.float32),
+            warp_array(factor.reshape(-1), wp.float32),
+            self.features.shape[1],
         )
+
+    @cached_property
+    def _values(self) -> torch.Tensor:
+        """Features in a row, with the slack that the kernels read."""
+        return torch.cat([self.features.reshape(-1), self.features.new_zeros(LANES)])
 
 
 def depth_control(depth: torch.Tensor, scale: float = 1.0, settings: PatchSettings = PATCHES) -> torch.Tensor:
