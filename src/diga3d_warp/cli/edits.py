@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from diga3d_warp.cli.options import (
+    add_exemplar,
     add_marks,
     add_prior,
     add_reference_options,
@@ -38,9 +39,9 @@ def add_edits(commands: Commands) -> None:
     )
     add_run_options(retexture)
     add_marks(retexture)
-    retexture.add_argument(
-        "--prompt", required=True, metavar="TEXT", help="the material; a word of the built-in vocabulary"
-    )
+    material = retexture.add_mutually_exclusive_group(required=True)
+    material.add_argument("--prompt", metavar="TEXT", help="the material; a word of the built-in vocabulary")
+    add_exemplar(material, "--prompt")
     add_reference_options(retexture)
 
     replace = commands.add(
@@ -56,6 +57,7 @@ def add_edits(commands: Commands) -> None:
     new.add_argument(
         "--asset", type=Path, metavar="FILE", help="a mesh (.glb, .obj, .ply, .stl) or a splat .ply"
     )
+    add_exemplar(replace, "the one in --prompt")
     add_prior(replace)
     add_reference_options(replace)
 

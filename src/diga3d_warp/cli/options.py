@@ -76,6 +76,15 @@ def add_marks(command: argparse.ArgumentParser) -> None:
     )
 
 
+def add_exemplar(command: argparse._ActionsContainer, in_place_of: str) -> None:
+    command.add_argument(
+        "--exemplar",
+        type=Path,
+        metavar="IMAGE",
+        help=f"a photograph of the material, in place of {in_place_of}",
+    )
+
+
 def add_prior(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--prior",

@@ -1,16 +1,18 @@
-"""Built-in solids in a built-in material, named by a prompt such as "a golden sphere"."""
+"""Built-in solids, named by a prompt such as "a golden sphere", in a material or a picture of one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.materials.vocabulary import material_of, words_of
+from diga3d_warp.materials.vocabulary import words_of
 from diga3d_warp.objects.asset import MeshAsset, mesh_asset
 from diga3d_warp.objects.frame import Frame
+from diga3d_warp.objects.picture import chosen_material
 from diga3d_warp.objects.wrapping import wrap
 
 if TYPE_CHECKING:
@@ -77,15 +79,17 @@ ALSO = {
 """Other words for them."""
 
 
-def solid_of(prompt: str, seed: int) -> MeshAsset:
+def solid_of(prompt: str, seed: int, exemplar: Path | None = None) -> MeshAsset:
     """The solid that a prompt names, in the material that it names.
 
     Args:
         prompt: Such as "a wooden cube".
         seed: Of the material's texture.
+        exemplar: A picture of the material, in place of the one that the prompt names.
 
     Raises:
-        InputError: the prompt is empty or too long, or names no built-in solid or no material.
+        InputError: the prompt is empty or too long, or names no built-in solid or no material, or the picture
+            is not usable.
     """
     words = words_of(prompt)
     name = next((ALSO.get(word, word) for word in words if ALSO.get(word, word) in SOLIDS), None)
@@ -94,7 +98,7 @@ def solid_of(prompt: str, seed: int) -> MeshAsset:
         raise InputError(
             f"the prompt {shown!r} names no built-in solid: use one of {', '.join(SOLIDS)}, or --asset FILE"
         )
-    texture = material_of(prompt).exemplar(TEXTURE, seed).astype(np.float64)
+    texture = chosen_material(prompt, exemplar).exemplar(TEXTURE, seed).astype(np.float64)
     frame = Frame(np.zeros(3), np.eye(3), np.ones(3))
 
     def painted(_: np.ndarray, __: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from diga3d_warp.config import ACCURACIES
 from diga3d_warp.effects.overrides import format_overrides
+from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
@@ -117,7 +118,7 @@ def replace(
 
 
 def replace_command(
-    scene: Path, prompt: str | None, asset: Path | None, out: Path, masks: Path | None,
+    scene: Path, prompt: str | None, exemplar: Path | None, asset: Path | None, out: Path, masks: Path | None,
     mask_boxes: Sequence[Sequence[str]], mask_prompt: str | None, mask_models: Path | None,
     image_scale: float, iterations: int | None, hold_out: int,
     seed: int, resume: bool, effects: Mapping[str, bool | int], accuracy: str, prior: str,
@@ -128,7 +129,9 @@ def replace_command(
     Raises:
         InputError: the input or the run folder is not usable.
     """
-    new = read_asset(asset) if asset is not None else solid_of(prompt or "", seed)
+    if asset is not None and exemplar is not None:
+        raise InputError("--exemplar is the material of a built-in solid: give --prompt instead of --asset")
+    new = read_asset(asset) if asset is not None else solid_of(prompt or "", seed, exemplar)
     marks = read_marks(masks, mask_boxes, mask_prompt, mask_models)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     removal = RemoveSettings(
@@ -143,7 +146,7 @@ def replace_command(
         out,
         "replace",
         {
-            "scene": scene, "prompt": prompt, "asset": asset, "masks": masks,
+            "scene": scene, "prompt": prompt, "exemplar": exemplar, "asset": asset, "masks": masks,
             **marks.settings(), "image_scale": image_scale, "hold_out": hold_out,
             "seed": seed, "iterations": removal.fit.iterations, "accuracy": accuracy, "prior": prior,
             "references": references, "selection": selection, "effects": format_overrides(effects),

@@ -22,7 +22,7 @@ from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.materials.vocabulary import material_of
+from diga3d_warp.objects.picture import chosen_material
 from diga3d_warp.objects.repaint import MaterialRepainter, Repainter
 from diga3d_warp.pipelines import carrying, marking, recolouring, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
@@ -88,6 +88,7 @@ def retexture(
     run: Run,
     settings: RetextureSettings | None = None,
     *,
+    exemplar: Path | None = None,
     repainter: Repainter | None = None,
     marks: Marks = OWN_MASKS,
     seed: int = 0,
@@ -100,6 +101,7 @@ def retexture(
         prompt: Such as "white marble".
         run: Where stages and results go; finished stages of an interrupted run are taken up.
         settings: How.
+        exemplar: A picture of the material; the prompt is not read then.
         repainter: What makes the new look; the built-in materials if None.
         marks: Boxes or words that say where the object is; the scene's masks do if there are none.
         seed: Same scene, prompt, settings and seed: same bytes.
@@ -107,11 +109,11 @@ def retexture(
 
     Raises:
         InputError: no view has a mask, the masks lift to nothing, there are fewer views than references, or
-            the prompt names no built-in material.
+            the prompt names no built-in material, or the picture is not usable.
     """
     scene = marking.mark(run, scene, marks)
     settings = settings or RetextureSettings()
-    repainter = repainter or MaterialRepainter(material_of(prompt))
+    repainter = repainter or MaterialRepainter(chosen_material(prompt, exemplar))
     stages.check_edit(scene, settings.references)
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
@@ -130,9 +132,9 @@ def retexture(
 
 
 def retexture_command(
-    scene: Path, prompt: str, out: Path, masks: Path | None, mask_boxes: Sequence[Sequence[str]],
-    mask_prompt: str | None, mask_models: Path | None, image_scale: float,
-    iterations: int | None, hold_out: int, seed: int, resume: bool,
+    scene: Path, prompt: str | None, exemplar: Path | None, out: Path, masks: Path | None,
+    mask_boxes: Sequence[Sequence[str]], mask_prompt: str | None, mask_models: Path | None,
+    image_scale: float, iterations: int | None, hold_out: int, seed: int, resume: bool,
     effects: Mapping[str, bool | int], accuracy: str, references: int, selection: str,
 ) -> Run:  # fmt: skip
     """`diga3d retexture`: read the capture, change the object's material, measure, leave a run folder.
@@ -140,7 +142,7 @@ def retexture_command(
     Raises:
         InputError: the input or the run folder is not usable.
     """
-    repainter = MaterialRepainter(material_of(prompt))
+    repainter = MaterialRepainter(chosen_material(prompt or "", exemplar))
     marks = read_marks(masks, mask_boxes, mask_prompt, mask_models)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     settings = RetextureSettings(
@@ -154,13 +156,15 @@ def retexture_command(
         out,
         "retexture",
         {
-            "scene": scene, "prompt": prompt, "masks": masks, **marks.settings(),
+            "scene": scene, "prompt": prompt, "exemplar": exemplar, "masks": masks, **marks.settings(),
             "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
             "iterations": settings.fit.iterations, "accuracy": accuracy,
             "references": references, "selection": selection, "effects": format_overrides(effects),
         },
         resume=resume,
     )  # fmt: skip
-    retexture(capture, prompt, run, settings, repainter=repainter, marks=marks, seed=seed, effects=effects)
+    retexture(
+        capture, prompt or "", run, settings, repainter=repainter, marks=marks, seed=seed, effects=effects
+    )
     conclude(run, capture)
     return run

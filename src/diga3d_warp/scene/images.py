@@ -48,11 +48,13 @@ def _jpeg_is_whole(data: bytes) -> bool:
     return False
 
 
-def read_image(path: Path) -> np.ndarray:
+def read_image(path: Path, *, upright: bool = False) -> np.ndarray:
     """An image as uint8 RGB, shape (H, W, 3).
 
-    The EXIF orientation is ignored, as COLMAP and nerfstudio ignore it: their calibration is that of the
-    pixels as stored.
+    Args:
+        path: The file.
+        upright: Turn it as its EXIF orientation says. Views are not turned, as COLMAP and nerfstudio do not:
+            their calibration is that of the pixels as stored.
 
     Raises:
         InputError: the file is no image that OpenCV reads, or it is cut short.
@@ -66,7 +68,7 @@ def read_image(path: Path) -> np.ndarray:
     )
     if truncated:
         raise InputError(f"{path}: the image is cut short; copy it again")
-    flags = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
+    flags = cv2.IMREAD_COLOR_RGB | (0 if upright else cv2.IMREAD_IGNORE_ORIENTATION)
     pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
     if pixels is None:
         raise InputError(f"{path}: not readable as an image; copy it again")

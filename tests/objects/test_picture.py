@@ -1,0 +1,138 @@
+"""A photograph as a material: seamless, evenly lit, and refused in one line where it is not usable."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.materials.vocabulary import MATERIALS
+from diga3d_warp.objects.picture import chosen_material, picture_material, seamless
+from diga3d_warp.objects.solids import solid_of
+
+
+def photograph(name: str) -> np.ndarray:
+    """A material that does not repeat within the frame, under light from the right, shape (200, 230, 3)."""
+    painted = MATERIALS[name].exemplar(256, 3)[20:220, 10:240]
+    return np.clip(painted * np.linspace(0.7, 1.0, 230)[:, None], 0.0, 1.0)
+
+
+def save(path: Path, image: np.ndarray) -> Path:
+    cv2.imwrite(str(path), (image * 255).round().astype(np.uint8)[..., ::-1])
+    return path
+
+
+def jumps(texture: np.ndarray, axis: int) -> tuple[float, float]:
+    """Mean difference of neighbours across the edge where repeats meet, and within."""
+    steps = np.abs(texture - np.roll(texture, 1, axis)).mean(axis=2)
+    return float(steps.take(0, axis).mean()), float(steps.take(range(1, texture.shape[axis]), axis).mean())
+
+
+@pytest.mark.parametrize("name", ["brick", "grass", "marble", "wood"])
+def test_repeats_meet_without_a_seam(name):
+    picture = photograph(name)[:, :200]
+    texture = seamless(picture)
+    assert texture.shape[0] > 100 and texture.std() > 0.02
+    for axis in (0, 1):
+        seam, within = jumps(texture, axis)
+        assert seam < 1.5 * within + 0.01
+    before = max(jumps(picture, axis)[0] / jumps(picture, axis)[1] for axis in (0, 1))
+    after = max(jumps(texture, axis)[0] / jumps(texture, axis)[1] for axis in (0, 1))
+    assert after < 0.75 * before, "there was a seam"
+
+
+def test_light_from_one_side_is_taken_out():
+    picture = photograph("grass")[:, :200]
+    texture = seamless(picture)
+    assert picture[:, 150:].mean() - picture[:, :50].mean() > 0.05
+    third = texture.shape[1] // 3
+    assert abs(texture[:, -third:].mean() - texture[:, :third].mean()) < 0.02
+    assert np.allclose(texture.mean(axis=(0, 1)), picture.mean(axis=(0, 1)), atol=0.03)
+
+
+def test_one_colour_stays_one_colour():
+    texture = seamless(np.full((64, 64, 3), (0.1, 0.5, 0.9)))
+    assert np.allclose(texture, (0.1, 0.5, 0.9))
+
+
+def test_the_middle_square_at_any_size(tmp_path):
+    material = picture_material(save(tmp_path / "blue.png", photograph("brick")[..., ::-1]))
+    for side in (64, 512):
+        texture = material.exemplar(side, 0)
+        assert texture.shape == (side, side, 3) and texture.dtype == np.float32
+        assert texture.min() >= 0.0 and texture.max() <= 1.0
+        assert texture[..., 2].mean() > 1.5 * texture[..., 0].mean()
+        assert np.array_equal(texture, material.exemplar(side, 1))
+
+
+def test_a_turned_photograph_is_set_upright(tmp_path):
+    """Stored lying on its side, as telephones do, with a note how to turn it."""
+    from PIL import Image
+
+    stripes = np.zeros((96, 96, 3), np.uint8)
+    stripes[:, ::8] = stripes[:, 1::8] = 200  # upright
+    picture, exif = Image.fromarray(stripes), Image.Exif()
+    exif[0x0112] = 6
+    picture.save(tmp_path / "turned.png", exif=exif)
+    texture = picture_material(tmp_path / "turned.png").exemplar(64, 0)
+    assert texture.mean(axis=1).std() > 5 * texture.mean(axis=0).std(), "they lie when set upright"
+
+
+def test_a_prompt_is_read_without_a_picture():
+    assert chosen_material("white marble", None) is MATERIALS["marble"]
+
+
+def test_a_solid_takes_the_picture(tmp_path):
+    cube = solid_of("a cube", 0, save(tmp_path / "blue.png", photograph("brick")[..., ::-1]))
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (500, 3))
+    points[:, 0] = 0.5
+    colors = cube.painter(
+        np.zeros(500, int), np.ones((500, 3)) / 3, points, np.tile([1.0, 0.0, 0.0], (500, 1))
+    )
+    assert colors.std(axis=0).max() > 0.05
+    assert colors[:, 2].mean() > 1.5 * colors[:, 0].mean()
+
+
+def absent(path: Path) -> None:
+    path.unlink()
+
+
+def words(path: Path) -> None:
+    path.write_text("hello")
+
+
+def cut_short(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:400])
+
+
+def empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def tiny(path: Path) -> None:
+    cv2.imwrite(str(path), np.zeros((31, 400, 3), np.uint8))
+
+
+BAD_PICTURES = {
+    absent: "no such picture",
+    folder: "no such picture",
+    words: "not readable as an image",
+    empty: "not readable as an image",
+    cut_short: "cut short",
+    tiny: "400 x 31 px; give at least 32",
+}
+
+
+@pytest.mark.parametrize("spoil", BAD_PICTURES)
+def test_pictures_that_cannot_be_used(tmp_path, spoil):
+    path = save(tmp_path / "wood.png", photograph("wood"))
+    spoil(path)
+    with pytest.raises(InputError, match=f"wood.png: .*{BAD_PICTURES[spoil]}") as error:
+        picture_material(path)
+    assert "\n" not in str(error.value)
