@@ -10,7 +10,7 @@ from diga3d_warp.evaluation.metrics import Score
 def test_trials_become_settings():
     trial = Trial(iterations=7, references=5, steps=1)
     assert trial.settings.fit.iterations == 7
-    assert trial.settings.references == 5
+    assert trial.settings.method.references == 5
     assert (trial.prior.settings.steps_first, trial.prior.settings.steps_next) == (1, 1)
     assert Trial().prior.settings == type(trial.prior)().settings, "usual steps are the prior's own"
     assert all(USUAL in trials for trials in KNOBS.values())

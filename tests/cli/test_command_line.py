@@ -66,7 +66,7 @@ def test_help_loads_nothing_heavy():
         (["remove", "scene", "--out", "run", "--references", "0"], "'0' is not a whole number above 0"),
         (["fit", "scene", "--out", "run", "--iterations", "many"], "'many' is not a whole number above 0"),
         (["fit", "scene", "--out", "run", "--hold-out", "-1"], "--hold-out"),
-        (["remove", "scene", "--out", "run", "--prior", "magic"], "'magic'"),
+        (["remove", "scene", "--out", "run", "--propagation", "magic"], "'magic'"),
         (["render", "run", "--size", "640"], "640x480"),
         (["fit", "scene", "--out", "run", "--accuracy", "best"], "'draft', 'standard', 'exact'"),
     ],

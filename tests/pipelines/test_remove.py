@@ -17,6 +17,7 @@ from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.record import run_effects
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.pipelines.method import PAPER
 from diga3d_warp.pipelines.remove import REFIT, RemoveSettings, remove
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.scene import Scene
@@ -35,12 +36,13 @@ def test_the_run_folder_holds_what_it_should(removed):
     assert len(names) == 9
     for folder in ("views/before", "views/after", "masks"):
         assert sorted(file.name for file in (removed.folder / folder).iterdir()) == names
-    stages = ["effects", "fit", "lift", "clear", "look-behind", "references", "fill", "refit", "views"]
+    stages = ["effects", "fit", "lift", "clear", "look-behind", "references", "fill"]
+    stages += ["propagate", "refit", "distil", "views"]
     assert sorted(entry.name for entry in (removed.folder / "stages").iterdir()) == sorted(stages)
     manifest = json.loads((removed.folder / "manifest.json").read_text())
     assert [stage["name"] for stage in manifest["stages"]] == stages
     assert run_effects(manifest) == Effects(sh_degree=3, lens=False, depth=False, background=False)
-    assert {"fit", "refit"} <= set(json.loads((removed.folder / "metrics.json").read_text()))
+    assert {"fit", "refit", "distil"} <= set(json.loads((removed.folder / "metrics.json").read_text()))
     assert not [path for path in removed.folder.rglob("*") if ".partial" in path.name]
     returned = {"point_cloud.ply": removed.result.gaussians, "source.ply": removed.result.source}
     for name, gaussians in returned.items():
@@ -126,7 +128,7 @@ def test_no_masks_are_refused_before_anything_is_fitted(removed, tmp_path):
 
 @pytest.mark.parametrize("count", [0, 8])
 def test_too_many_references_are_refused_before_anything_is_fitted(removed, tmp_path, count):
-    settings = replace(SETTINGS, references=count)
+    settings = replace(SETTINGS, method=replace(PAPER, references=count))
     said = f"{count} references cannot be chosen from 7 views: ask for 1 to 7"
     refused(removed.scene, tmp_path / "run", said, settings)
     assert [entry.name for entry in (tmp_path / "run").iterdir()] == ["manifest.json"]

@@ -19,7 +19,8 @@ from diga3d_warp.pipelines.run import Run
 
 QUICK = ReplaceSettings(removal=SETTINGS, settle=with_changes(SETTLE, iterations=30))
 
-REMOVAL = ["effects", "fit", "lift", "clear", "look-behind", "references", "fill", "refit"]
+REMOVAL = ["effects", "fit", "lift", "clear", "look-behind", "references", "fill"]
+REMOVAL += ["propagate", "refit", "distil"]
 
 
 def replaced(removed, folder, prompt="a golden sphere", **options):
@@ -86,7 +87,7 @@ def test_only_the_object_and_what_it_shades_change(golden):
     held = np.load(folder / "place" / "held.npy")
     blocking = torch.from_numpy(np.load(folder / "place" / "blocking.npy"))
     assert blocking.float().mean() < 0.1
-    cleared = Gaussians.load_ply(folder / "refit" / "point_cloud.ply").select(~blocking)
+    cleared = Gaussians.load_ply(folder / "distil" / "point_cloud.ply").select(~blocking)
     kept = torch.from_numpy(held[: len(cleared)])
     assert 0.3 < kept.float().mean() < 1.0 and not held[len(cleared) :].any() and len(held) > len(cleared)
     for (name, now), (_, then) in zip(golden.gaussians.named(), cleared.named(), strict=True):

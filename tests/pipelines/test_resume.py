@@ -46,6 +46,7 @@ if module:
 
 often = {"checkpoint_seconds": 0.2}
 settings = replace(SETTINGS, fit=replace(SETTINGS.fit, **often), refit=replace(SETTINGS.refit, **often))
+settings = replace(settings, distil=replace(SETTINGS.distil, checkpoint_seconds=0.0))
 remove(load_scene(Path(room)), Run(Path(folder), "remove", {"seed": 0}, resume=True), settings)
 """
 
@@ -58,7 +59,9 @@ DEATHS = {
     "look-behind": ("numpy", "save", 4),
     "references": ("diga3d_warp.pipelines.stages", "select_references", 1),
     "fill": ("numpy", "savez_compressed", 2),
+    "propagate": ("numpy", "savez_compressed", 9),
     "refit": ("diga3d_warp.gaussians.fit", "_Fit._record", 50),
+    "distil": ("diga3d_warp.priors.distillation", "TextureGeometryGuide.__call__", 7),
     "views": ("diga3d_warp.pipelines.stages", "write_image", 5),
     "publishing": ("shutil", "copyfile", 19),
 }
@@ -81,7 +84,7 @@ def often_killed(room, tmp_path_factory) -> Path:
             assert not any(name.startswith(".") for name in stages)
         else:
             assert f".{stage}.partial" in stages and stage not in stages
-        if stage in ("fit", "refit"):
+        if stage in ("fit", "refit", "distil"):
             assert (folder / "stages" / f".{stage}.partial" / "checkpoint.pt").is_file(), "goes on from there"
         assert not (folder / "point_cloud.ply").exists()
     assert remove_in_a_process(room, folder) == 0

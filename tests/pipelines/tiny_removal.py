@@ -9,10 +9,17 @@ import cv2
 import numpy as np
 
 from diga3d_warp.gaussians.fit import FitSettings
-from diga3d_warp.pipelines.remove import REFIT, RemoveResult, RemoveSettings
+from diga3d_warp.pipelines.method import PAPER
+from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveResult, RemoveSettings
+from diga3d_warp.priors.sampling import SamplingSettings
 from diga3d_warp.scene.scene import Scene
 
-SETTINGS = RemoveSettings(fit=FitSettings(iterations=150, budget=4000), refit=replace(REFIT, iterations=60))
+SETTINGS = RemoveSettings(
+    fit=FitSettings(iterations=150, budget=4000),
+    refit=replace(REFIT, iterations=60),
+    distil=replace(DISTIL, iterations=10),
+    method=replace(PAPER, sampling=SamplingSettings(steps=3)),
+)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from diga3d_warp.cli.options import (
     add_prior,
     add_reference_options,
     add_run_options,
+    choices_of,
 )
 from diga3d_warp.cli.parsing import Commands
 
@@ -29,7 +30,6 @@ def add_edits(commands: Commands) -> None:
     add_run_options(remove)
     add_marks(remove)
     add_prior(remove)
-    add_reference_options(remove)
 
     retexture = commands.add(
         "retexture",
@@ -59,7 +59,6 @@ def add_edits(commands: Commands) -> None:
     )
     add_exemplar(replace, "the one in --prompt")
     add_prior(replace)
-    add_reference_options(replace)
 
 
 def _fit(**options: Any) -> int:
@@ -71,7 +70,7 @@ def _fit(**options: Any) -> int:
 def _remove(**options: Any) -> int:
     from diga3d_warp.pipelines.remove import remove_command
 
-    return _show_run(remove_command(**options))
+    return _show_run(remove_command(choices=choices_of(options), **options))
 
 
 def _retexture(**options: Any) -> int:
@@ -83,7 +82,7 @@ def _retexture(**options: Any) -> int:
 def _replace(**options: Any) -> int:
     from diga3d_warp.pipelines.replace import replace_command
 
-    return _show_run(replace_command(**options))
+    return _show_run(replace_command(choices=choices_of(options), **options))
 
 
 def _show_run(run: Any) -> int:

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import fields
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from diga3d_warp.cli.parsing import effects, hold_out, positive_int, scale, seed
+
+if TYPE_CHECKING:
+    from diga3d_warp.pipelines.method import Choices
 
 
 def add_run_options(command: argparse.ArgumentParser) -> None:
@@ -86,12 +91,36 @@ def add_exemplar(command: argparse._ActionsContainer, in_place_of: str) -> None:
 
 
 def add_prior(command: argparse.ArgumentParser) -> None:
+    """What invents, and how; `choices_of` reads these options."""
     command.add_argument(
         "--prior",
-        choices=["exemplar", "classical"],
         default="exemplar",
-        help="what invents the part that no view saw (default exemplar)",
+        metavar="PRIOR",
+        help="what invents the part that no view saw: exemplar, classical, sd-inpainting, powerpaint, or a "
+        "folder in diffusers format (default exemplar)",
     )
+    command.add_argument(
+        "--negative", default="", metavar="TEXT", help="what to go away from (default nothing)"
+    )
+    add_reference_options(command)
+    command.add_argument(
+        "--propagation",
+        choices=["attention", "warp", "none"],
+        help="how other views come to agree with the references: they attend to them (AFP), take their "
+        "pixels by depth, or not at all (default: by the prior)",
+    )
+    command.add_argument(
+        "--tg-sds",
+        action=argparse.BooleanOptionalAction,
+        help="refine the edit by score distillation (default: by the prior)",
+    )
+
+
+def choices_of(options: dict[str, Any]) -> Choices:
+    """Take what `add_prior` added out of parsed options."""
+    from diga3d_warp.pipelines.method import Choices
+
+    return Choices(**{choice.name: options.pop(choice.name) for choice in fields(Choices)})
 
 
 def add_reference_options(command: argparse.ArgumentParser) -> None:

@@ -29,6 +29,7 @@ from diga3d_warp.pipelines.retexture import RetextureSettings, retexture
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.stages import SOURCE, widened
 from diga3d_warp.priors.classical import mean_color_fill, telea_fill
+from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.scene.images import read_image
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene, View
@@ -108,7 +109,7 @@ def _run(folder: Path, task: str, prompt: str | None = None) -> Run:
     settings = {
         "scene": folder.parent / SCENE, "masks": None, "image_scale": 1.0, "hold_out": HOLD_OUT,
         "seed": ROOM.seed, "iterations": SETTINGS.fit.iterations, "budget": SETTINGS.fit.budget,
-        "references": SETTINGS.references, "selection": SETTINGS.selection,
+        **SETTINGS.method_for(ExemplarPrior()).summary(),
     }  # fmt: skip
     if prompt is not None:
         settings["prompt"] = prompt

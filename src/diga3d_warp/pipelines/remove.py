@@ -1,4 +1,4 @@
-"""Remove an object from a scene (paper Sec. 3, with the fill of one prior for all references).
+"""Remove an object from a scene (paper Sec. 3).
 
 effects      what the scene calls for
 fit          the splat of the capture; photographs then take its exposure
@@ -7,13 +7,15 @@ clear        those gaussians deleted
 look-behind  each mask shrunk to what no view saw behind the object
 references   K views by k-means on camera centres
 fill         references filled in turn, their fill warped to the other views
+propagate    the other views filled, attending to the references
 refit        the hole fitted to the filled views, with colour and depth
+distil       the hole refined by score distillation, under texture and depth of the references
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import torch
@@ -23,14 +25,15 @@ from diga3d_warp.effects.overrides import format_overrides
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
+from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.pipelines import carrying, marking, stages
+from diga3d_warp.pipelines import carrying, coarse, fine, marking, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, read_marks
+from diga3d_warp.pipelines.method import Choices, Method, check_method, usual_method
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.priors.classical import ClassicalPrior
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
-from diga3d_warp.priors.protocol import Prior
+from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene, View
 
@@ -45,9 +48,13 @@ REFIT = FitSettings(
 """The fit of the hole. 1000 to 1500 iterations are the field's custom for edits; the hole starts from
 gaussians on the filled surface, so fewer do."""
 
-
-PRIORS: dict[str, Callable[[], Prior]] = {"exemplar": ExemplarPrior, "classical": ClassicalPrior}
-"""What `--prior` names."""
+DISTIL = replace(
+    REFIT,
+    iterations=200,
+    rates=LearningRates(means=5e-5),
+    density=DensitySettings(begin=1.0, end=1.0),
+)
+"""The fit of the fine stage: the hole has its gaussians, which learn their place more slowly."""
 
 
 @dataclass(frozen=True)
@@ -57,18 +64,28 @@ class RemoveSettings:
     Attributes:
         fit: Fit of the capture.
         refit: Fit of the hole.
+        distil: Fit of the fine stage.
         lift: When a gaussian belongs to the object.
         masking: How masks are widened.
-        references: Number K of references. Paper: 3.
-        selection: "kmeans", or "random" to compare.
+        method: References, propagation and distillation; None for what suits the prior.
     """
 
     fit: FitSettings = field(default_factory=FitSettings)
     refit: FitSettings = REFIT
+    distil: FitSettings = DISTIL
     lift: LiftSettings = field(default_factory=LiftSettings)
     masking: stages.MaskSettings = field(default_factory=stages.MaskSettings)
-    references: int = 3
-    selection: str = "kmeans"
+    method: Method | None = None
+
+    def method_for(self, prior: Prior) -> Method:
+        """The method to use with a prior.
+
+        Raises:
+            InputError: the prior cannot do what the method asks.
+        """
+        method = self.method or usual_method(prior)
+        check_method(method, prior)
+        return method
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,15 +125,16 @@ def remove(
         effects: Effects on which the user insists, by name; the scene decides on the others.
 
     Raises:
-        InputError: no view has a mask, the masks lift to nothing, or there are fewer views than references.
+        InputError: no view has a mask, the masks lift to nothing, there are fewer views than references, or
+            the prior cannot do what the method asks.
     """
     scene = marking.mark(run, scene, marks)
     settings = settings or RemoveSettings()
     prior = prior or ExemplarPrior()
-    stages.check_edit(scene, settings.references)
+    stages.check_edit(scene, settings.method_for(prior).references)
     taken = take_out(scene, run, settings, prior, marks, seed, effects)
     stages.show_views(run, taken.scene, taken.source, taken.gaussians)
-    stages.finish(run, "refit")
+    stages.finish(run, taken.stage)
     return RemoveResult(taken.gaussians, taken.source, run)
 
 
@@ -130,6 +148,7 @@ class TakenOut:
         rows: Which gaussians of the source were the object's, shape (N,), bool.
         scene: The capture, with the cameras and masks in use.
         views: Its training views with widened masks.
+        stage: The stage that made `gaussians`.
     """
 
     gaussians: Gaussians
@@ -137,6 +156,7 @@ class TakenOut:
     rows: torch.Tensor
     scene: Scene
     views: list[View]
+    stage: str
 
 
 def take_out(
@@ -144,6 +164,7 @@ def take_out(
     effects: Mapping[str, bool | int] | None,
 ) -> TakenOut:  # fmt: skip
     """The stages of a removal, from the fit to the filled hole; arguments as `remove`."""
+    method = settings.method_for(prior)
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.even_exposure(run, scene)
@@ -151,43 +172,54 @@ def take_out(
     rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
     cleared = stages.clear_object(run, views, source, rows, settings.lift)
     backgrounds, depths = stages.look_behind(run, cleared)
-    references = stages.choose_references(run, cleared.views, settings.references, settings.selection, seed)
-    fills = stages.fill_views(run, cleared.views, backgrounds, depths, references, prior, seed)
-    edited = stages.refit(run, cleared, fills, scene.extent, settings.refit, seed)
-    return TakenOut(edited, source, rows, scene, views)
+    references = stages.choose_references(run, cleared.views, method, seed)
+    fills = coarse.fill_views(run, cleared.views, backgrounds, depths, references, prior, method, seed)
+    fills = coarse.propagate(run, cleared.views, backgrounds, depths, fills, references, prior, method, seed)
+    edited = coarse.refit(run, cleared, fills, scene.extent, settings.refit, seed)
+    if method.distillation is None:
+        return TakenOut(edited, source, rows, scene, views, "refit")
+    assert isinstance(prior, DiffusionPrior), "check_method refuses others"
+    refined = fine.distil(
+        run, edited, cleared.held(len(edited)), coarse.targets_of(views, fills),
+        [at.unseen for at in backgrounds], references, prior, method.distillation, scene.extent,
+        settings.distil, seed,
+    )  # fmt: skip
+    return TakenOut(refined, source, rows, scene, views, "distil")
 
 
 def remove_command(
     scene: Path, out: Path, masks: Path | None, mask_boxes: Sequence[Sequence[str]],
     mask_prompt: str | None, mask_models: Path | None, image_scale: float,
     iterations: int | None, hold_out: int, seed: int, resume: bool, effects: Mapping[str, bool | int],
-    accuracy: str, prior: str, references: int, selection: str,
+    accuracy: str, choices: Choices,
 ) -> Run:  # fmt: skip
     """`diga3d remove`: read the capture, remove the object, measure, and leave a run folder.
 
     Raises:
         InputError: the input or the run folder is not usable.
     """
+    prior = choices.load("remove")
+    method = choices.method(prior)
     marks = read_marks(masks, mask_boxes, mask_prompt, mask_models)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     settings = RemoveSettings(
         fit=fit_settings(capture, iterations, ACCURACIES[accuracy]),
         refit=replace(REFIT, accuracy=ACCURACIES[accuracy]),
-        references=references,
-        selection=selection,
+        distil=replace(DISTIL, accuracy=ACCURACIES[accuracy]),
+        method=method,
     )
-    stages.check_edit(marking.glance(capture, marks), settings.references)
+    stages.check_edit(marking.glance(capture, marks), method.references)
     run = Run(
         out,
         "remove",
         {
             "scene": scene, "masks": masks, **marks.settings(),
             "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
-            "iterations": settings.fit.iterations, "accuracy": accuracy, "prior": prior,
-            "references": references, "selection": selection, "effects": format_overrides(effects),
+            "iterations": settings.fit.iterations, "accuracy": accuracy, "effects": format_overrides(effects),
+            **asdict(choices), **method.summary(),
         },
         resume=resume,
     )  # fmt: skip
-    remove(capture, run, settings, prior=PRIORS[prior](), marks=marks, seed=seed, effects=effects)
+    remove(capture, run, settings, prior=prior, marks=marks, seed=seed, effects=effects)
     conclude(run, capture)
     return run

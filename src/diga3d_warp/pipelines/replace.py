@@ -1,6 +1,6 @@
 """Put another object in place of one in a scene.
 
-fit ... refit   the old object taken out, as in `remove`
+fit ... distil  the old object taken out, as in `remove`
 look            the old object in every view: its surface tells place, size and light
 place           the new object on the support, with its shadow, drawn into every view
 settle          new object and shaded floor fitted to those views
@@ -9,7 +9,7 @@ settle          new object and shaded floor fitted to those views
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from dataclasses import replace as with_changes
 from pathlib import Path
 
@@ -25,7 +25,8 @@ from diga3d_warp.objects.solids import solid_of
 from diga3d_warp.pipelines import marking, placing, recolouring, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, read_marks
-from diga3d_warp.pipelines.remove import PRIORS, REFIT, RemoveSettings, take_out
+from diga3d_warp.pipelines.method import Choices
+from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings, take_out
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.protocol import Prior
@@ -104,10 +105,11 @@ def replace(
             the prompt names no built-in solid and material.
     """
     settings = settings or ReplaceSettings()
+    prior = prior or ExemplarPrior()
     asset = asset or solid_of(prompt, seed)
     scene = marking.mark(run, scene, marks)
-    stages.check_edit(scene, settings.removal.references)
-    taken = take_out(scene, run, settings.removal, prior or ExemplarPrior(), marks, seed, effects)
+    stages.check_edit(scene, settings.removal.method_for(prior).references)
+    taken = take_out(scene, run, settings.removal, prior, marks, seed, effects)
     sights = recolouring.look_at_object(run, taken.views, taken.source, taken.rows)
     others = stages.with_lifted_masks(run, taken.scene.test_views)
     staged = placing.place_object(run, taken.views, others, sights, taken.gaussians, asset, settings.placing)
@@ -121,8 +123,7 @@ def replace_command(
     scene: Path, prompt: str | None, exemplar: Path | None, asset: Path | None, out: Path, masks: Path | None,
     mask_boxes: Sequence[Sequence[str]], mask_prompt: str | None, mask_models: Path | None,
     image_scale: float, iterations: int | None, hold_out: int,
-    seed: int, resume: bool, effects: Mapping[str, bool | int], accuracy: str, prior: str,
-    references: int, selection: str,
+    seed: int, resume: bool, effects: Mapping[str, bool | int], accuracy: str, choices: Choices,
 ) -> Run:  # fmt: skip
     """`diga3d replace`: read the capture, replace the object, measure, and leave a run folder.
 
@@ -132,29 +133,31 @@ def replace_command(
     if asset is not None and exemplar is not None:
         raise InputError("--exemplar is the material of a built-in solid: give --prompt instead of --asset")
     new = read_asset(asset) if asset is not None else solid_of(prompt or "", seed, exemplar)
+    prior = choices.load("remove")
+    method = choices.method(prior)
     marks = read_marks(masks, mask_boxes, mask_prompt, mask_models)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     removal = RemoveSettings(
         fit=fit_settings(capture, iterations, ACCURACIES[accuracy]),
         refit=with_changes(REFIT, accuracy=ACCURACIES[accuracy]),
-        references=references,
-        selection=selection,
+        distil=with_changes(DISTIL, accuracy=ACCURACIES[accuracy]),
+        method=method,
     )
     settings = ReplaceSettings(removal, settle=with_changes(SETTLE, accuracy=ACCURACIES[accuracy]))
-    stages.check_edit(marking.glance(capture, marks), references)
+    stages.check_edit(marking.glance(capture, marks), method.references)
     run = Run(
         out,
         "replace",
         {
             "scene": scene, "prompt": prompt, "exemplar": exemplar, "asset": asset, "masks": masks,
             **marks.settings(), "image_scale": image_scale, "hold_out": hold_out,
-            "seed": seed, "iterations": removal.fit.iterations, "accuracy": accuracy, "prior": prior,
-            "references": references, "selection": selection, "effects": format_overrides(effects),
+            "seed": seed, "iterations": removal.fit.iterations, "accuracy": accuracy,
+            "effects": format_overrides(effects), **asdict(choices), **method.summary(),
         },
         resume=resume,
     )  # fmt: skip
     replace(
-        capture, prompt or "", run, settings, asset=new, prior=PRIORS[prior](), marks=marks, seed=seed,
+        capture, prompt or "", run, settings, asset=new, prior=prior, marks=marks, seed=seed,
         effects=effects,
     )  # fmt: skip
     conclude(run, capture)

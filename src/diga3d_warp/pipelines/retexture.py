@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 from diga3d_warp.config import ACCURACIES
 from diga3d_warp.effects.overrides import format_overrides
@@ -27,6 +28,7 @@ from diga3d_warp.objects.repaint import MaterialRepainter, Repainter
 from diga3d_warp.pipelines import carrying, marking, recolouring, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, read_marks
+from diga3d_warp.pipelines.method import CARRIED, Method
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene
@@ -54,8 +56,7 @@ class RetextureSettings:
         split: How fine the object's gaussians are cut before.
         lift: When a gaussian belongs to the object.
         masking: How masks are widened.
-        references: Number K of references. Paper: 3.
-        selection: "kmeans", or "random" to compare.
+        method: How many references, and how they are chosen.
     """
 
     fit: FitSettings = field(default_factory=FitSettings)
@@ -63,8 +64,7 @@ class RetextureSettings:
     split: recolouring.SplitSettings = field(default_factory=recolouring.SplitSettings)
     lift: LiftSettings = field(default_factory=LiftSettings)
     masking: stages.MaskSettings = field(default_factory=stages.MaskSettings)
-    references: int = 3
-    selection: str = "kmeans"
+    method: Method = CARRIED
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,14 +114,14 @@ def retexture(
     scene = marking.mark(run, scene, marks)
     settings = settings or RetextureSettings()
     repainter = repainter or MaterialRepainter(chosen_material(prompt, exemplar))
-    stages.check_edit(scene, settings.references)
+    stages.check_edit(scene, settings.method.references)
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.even_exposure(run, scene)
     scene = carrying.carry_masks(run, scene, source, marks, settings.lift)
     rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
     sights = recolouring.look_at_object(run, views, source, rows)
-    references = stages.choose_references(run, views, settings.references, settings.selection, seed)
+    references = stages.choose_references(run, views, settings.method, seed)
     images = recolouring.repaint(run, views, sights, references, repainter, seed)
     edited = recolouring.recolour(
         run, source, rows, sights, images, scene.extent, settings.refit, settings.split, seed
@@ -135,7 +135,7 @@ def retexture_command(
     scene: Path, prompt: str | None, exemplar: Path | None, out: Path, masks: Path | None,
     mask_boxes: Sequence[Sequence[str]], mask_prompt: str | None, mask_models: Path | None,
     image_scale: float, iterations: int | None, hold_out: int, seed: int, resume: bool,
-    effects: Mapping[str, bool | int], accuracy: str, references: int, selection: str,
+    effects: Mapping[str, bool | int], accuracy: str, references: int, selection: Literal["kmeans", "random"],
 ) -> Run:  # fmt: skip
     """`diga3d retexture`: read the capture, change the object's material, measure, leave a run folder.
 
@@ -148,10 +148,9 @@ def retexture_command(
     settings = RetextureSettings(
         fit=fit_settings(capture, iterations, ACCURACIES[accuracy]),
         refit=replace(RECOLOUR, accuracy=ACCURACIES[accuracy]),
-        references=references,
-        selection=selection,
+        method=replace(CARRIED, references=references, selection=selection),
     )
-    stages.check_edit(marking.glance(capture, marks), settings.references)
+    stages.check_edit(marking.glance(capture, marks), settings.method.references)
     run = Run(
         out,
         "retexture",

@@ -22,13 +22,12 @@ from diga3d_warp.evaluation.record import CAMERAS, RESULT, SOURCE
 from diga3d_warp.files import read_json, to_bytes, write_image, write_json
 from diga3d_warp.gaussians.exposure import evened
 from diga3d_warp.gaussians.fit import FitResult, FitSettings, Target, fit
-from diga3d_warp.gaussians.initialise import from_image, initialise
+from diga3d_warp.gaussians.initialise import initialise
 from diga3d_warp.gaussians.lift import LiftSettings, object_mask, object_rows, vote
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.ply import read_ply
+from diga3d_warp.pipelines.method import Method
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.priors.protocol import Prior
-from diga3d_warp.propagation.fill import Fill, carry, fill_references
 from diga3d_warp.propagation.references import References, check_reference_count, select_references
 from diga3d_warp.propagation.unseen import Background, observe_behind
 from diga3d_warp.scene.camera import Camera
@@ -183,6 +182,10 @@ class Cleared:
     free: torch.Tensor
     views: list[View]
 
+    def held(self, count: int) -> torch.Tensor:
+        """Rows that keep their values while the hole is filled, once there are `count` gaussians."""
+        return torch.nn.functional.pad(~self.free, (0, count - len(self.free)))
+
 
 def lift_object(
     run: Run, scene: Scene, source: Gaussians, settings: LiftSettings, masking: MaskSettings
@@ -273,12 +276,12 @@ def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.n
     return backgrounds, depths
 
 
-def choose_references(run: Run, views: Sequence[View], count: int, method: str, seed: int) -> References:
+def choose_references(run: Run, views: Sequence[View], method: Method, seed: int) -> References:
     """K references by k-means on camera centres, or at random."""
 
     def compute(folder: Path) -> None:
         centers = np.stack([view.camera.center for view in views])
-        chosen = select_references(centers, count, seed, method)  # type: ignore[arg-type]
+        chosen = select_references(centers, method.references, seed, method.selection)
         names = [views[index].name for index in chosen.indices]
         data = {"indices": chosen.indices, "names": names, "cluster": chosen.cluster.tolist()}
         write_json(folder / "references.json", data)
@@ -286,74 +289,6 @@ def choose_references(run: Run, views: Sequence[View], count: int, method: str, 
     folder = run.stage("references", compute)
     data = read_json(folder / "references.json", "run again")
     return References(data["indices"], np.array(data["cluster"]))
-
-
-def fill_views(
-    run: Run,
-    views: Sequence[View],
-    backgrounds: Sequence[Background],
-    depths: Sequence[np.ndarray],
-    references: References,
-    prior: Prior,
-    seed: int,
-) -> list[Fill]:
-    """Fill the references and carry their fill to every view."""
-    cameras = [view.camera for view in views]
-
-    def compute(folder: Path) -> None:
-        fills = fill_references(cameras, backgrounds, depths, references, prior, seed)
-        for view, fill in zip(views, carry(cameras, backgrounds, depths, references, fills), strict=True):
-            write_image(folder / f"{view.name}.png", fill.image)
-            np.savez_compressed(
-                folder / f"{view.name}.npz",
-                depth=fill.depth, filled=fill.filled, invented=fill.invented, missing=fill.missing,
-            )  # fmt: skip
-
-    folder = run.stage("fill", compute)
-    fills = []
-    for view in views:
-        with np.load(folder / f"{view.name}.npz") as planes:
-            fills.append(Fill(image=read_picture(folder / f"{view.name}.png"), **planes))
-    return fills
-
-
-def refit(
-    run: Run, cleared: Cleared, fills: Sequence[Fill], extent: float, settings: FitSettings, seed: int
-) -> Gaussians:
-    """Fit the hole to the filled views; gaussians that do not show there keep their values."""
-
-    def compute(folder: Path) -> None:
-        coefficients = cleared.gaussians.sh.shape[1]
-        seeds = [
-            from_image(fill.image, fill.depth, fill.invented, view.camera, coefficients, SEEDS_PER_REFERENCE)
-            for view, fill in zip(cleared.views, fills, strict=True)
-            if fill.invented.any()
-        ]
-        start, held = cleared.gaussians, ~cleared.free
-        for added in seeds:
-            start = start.joined(added)
-        held = torch.nn.functional.pad(held, (0, len(start) - len(held)))
-        targets = [
-            Target(
-                view.camera,
-                torch.from_numpy(to_bytes(fill.image)),
-                weight=torch.from_numpy((~fill.missing).astype(np.float32)),
-                depth=torch.from_numpy(fill.depth),
-            )
-            for view, fill in zip(cleared.views, fills, strict=True)
-        ]
-        result = fit(
-            start, targets, extent, settings, effects=run.effects, seed=seed, held=held,
-            checkpoint=folder / "checkpoint.pt", progress=True, label="refit",
-        )  # fmt: skip
-        keep_fit(folder, result)
-
-    return fitted(run, "refit", compute)
-
-
-SEEDS_PER_REFERENCE = 12_000
-"""Most gaussians put on what one reference invented: a tenth of a 504 x 378 image at two thirds of its
-pixels, and not many more than a fitted image holds."""
 
 
 def show_views(run: Run, scene: Scene, before: Gaussians | None, after: Gaussians) -> None:

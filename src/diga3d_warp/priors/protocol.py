@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 import torch
 
@@ -12,6 +12,7 @@ from diga3d_warp.errors import InputError
 
 if TYPE_CHECKING:
     from diga3d_warp.priors.attention import AttentionBank
+    from diga3d_warp.priors.guidance import Guidance
     from diga3d_warp.priors.schedule import Schedule
 
 Task = Literal["remove", "retexture", "replace"]
@@ -90,6 +91,8 @@ class Conditioning:
         return Conditioning(self.latent[chosen].to(device), self.mask[chosen].to(device), channels, prepared)
 
 
+ControlKind = Literal["edges", "depth"]
+
 EDGES_SCALE = 0.8
 DEPTH_SCALE = 1.0
 """Condition scales of texture and depth (paper, appendix)."""
@@ -105,7 +108,7 @@ class Control:
         scale: Weight of the control [1]: `EDGES_SCALE` or `DEPTH_SCALE`.
     """
 
-    kind: Literal["edges", "depth"]
+    kind: ControlKind
     image: torch.Tensor
     scale: float
 
@@ -114,6 +117,7 @@ class Control:
         return Control(self.kind, self.image[list(rows)].to(device), self.scale)
 
 
+@runtime_checkable
 class DiffusionPrior(Prior, Protocol):
     """A prior that estimates noise in latents.
 
@@ -137,6 +141,16 @@ class DiffusionPrior(Prior, Protocol):
 
         If not, sampling puts the known part, as noisy as the rest, back after each step.
         """
+        ...
+
+    @property
+    def guidance(self) -> Guidance:
+        """Towards what and away from what: the prompts that the prior was made with."""
+        ...
+
+    @property
+    def control_kinds(self) -> Sequence[ControlKind]:
+        """Kinds of control that `predict_noise` can follow."""
         ...
 
     def native_size(self, height: int, width: int) -> tuple[int, int]:

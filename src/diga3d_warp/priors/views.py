@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -13,7 +13,7 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.priors.guidance import Guidance
 from diga3d_warp.priors.inversion import invert
 from diga3d_warp.priors.plan import plan_sampling
-from diga3d_warp.priors.protocol import Conditioning, Control, DiffusionPrior, check_fill
+from diga3d_warp.priors.protocol import Conditioning, Control, ControlKind, DiffusionPrior, check_fill
 from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, initial_noise, sample_views
 
 
@@ -27,7 +27,7 @@ class ViewControl:
         scale: As in `Control`.
     """
 
-    kind: Literal["edges", "depth"]
+    kind: ControlKind
     images: Sequence[torch.Tensor]
     scale: float
 

@@ -48,6 +48,8 @@ def fill_references(
     references: References,
     prior: Prior,
     seed: int,
+    *,
+    together: bool = True,
 ) -> list[Fill]:
     """Fill each reference, in their order.
 
@@ -58,10 +60,11 @@ def fill_references(
         references: Which views are references.
         prior: Invents what nobody saw.
         seed: Of the prior.
+        together: Whether each takes over what earlier ones invented.
     """
     fills: list[Fill] = []
     for index in references.indices:
-        earlier = _sources(fills, cameras, depths, references)
+        earlier = _sources(fills if together else [], cameras, depths, references)
         known = _take(backgrounds[index], cameras[index], earlier)
         invented = known.missing
         image, depth = invent(

@@ -17,7 +17,8 @@ from diga3d_warp.priors.exemplar.fill import fill_missing
 from diga3d_warp.priors.exemplar.prompts import PatchPrompt, prompts_of
 from diga3d_warp.priors.exemplar.settings import FILL, PATCHES, FillSettings, PatchSettings
 from diga3d_warp.priors.exemplar.source import Source, depth_control, edge_control
-from diga3d_warp.priors.protocol import Conditioning, Control, Prompts, Task, check_fill
+from diga3d_warp.priors.guidance import GUIDANCE, Guidance
+from diga3d_warp.priors.protocol import Conditioning, Control, ControlKind, Prompts, Task, check_fill
 from diga3d_warp.priors.schedule import Schedule
 
 LAYER = "patches"
@@ -47,21 +48,25 @@ class ExemplarPrior:
         patches: When patches are alike.
         settings: How a hole is filled.
         device: Where latents belong.
+        negative: What a removal goes away from, besides going on with the surroundings; empty for nothing.
     """
 
     name = "exemplar"
     mask_aware = True
+    control_kinds: tuple[ControlKind, ...] = ("edges", "depth")
 
     def __init__(
         self,
         patches: PatchSettings = PATCHES,
         settings: FillSettings = FILL,
         device: torch.device | str = "cpu",
+        negative: str = "",
     ) -> None:
         self.patches = patches
         self.settings = settings
         self.device = torch.device(device)
         self.schedule = patch_schedule()
+        self.guidance = Guidance(prompts_of("", negative, "remove"), GUIDANCE if negative else 1.0)
         self._bank: AttentionBank | None = None
         # What references left, as sources that all views read: for as long as the bank keeps the keys.
         self._left = WeakTensorKeyDictionary()

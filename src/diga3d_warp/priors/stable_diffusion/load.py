@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import torch
 
 from diga3d_warp.checkpoints import Checkpoint, best_device, load_model, locate, require_diffusion
 from diga3d_warp.errors import InputError
-from diga3d_warp.priors.protocol import Task
+from diga3d_warp.priors.protocol import ControlKind, Task
 from diga3d_warp.priors.sampling import SamplingSettings
 from diga3d_warp.priors.schedule import Schedule
 from diga3d_warp.priors.stable_diffusion.image_embedding import (
@@ -44,7 +44,7 @@ IMAGE_ENCODER = Checkpoint("openai/clip-vit-large-patch14", 1.7)
 def load_stable_diffusion(
     prior: str | Path,
     *,
-    controls: Sequence[Literal["edges", "depth"]] = (),
+    controls: Sequence[ControlKind] = (),
     controlnets: Mapping[str, str | Path] | None = None,
     image_encoder: str | Path | None = None,
     ip_adapter: str | Path | None = None,
@@ -89,7 +89,7 @@ def load_stable_diffusion(
         )
     tokenizer, text_model = _load_text(folder)
     schedule, prediction = read_schedule(folder / "scheduler" / "scheduler_config.json")
-    nets: dict[str, Any] = {}
+    nets: dict[ControlKind, Any] = {}
     for kind in controls:
         nets[kind] = load_model(ControlNetModel, _controlnet_folder(kind, folder, controlnets or {}))
     if ip_adapter is not None and image_encoder is None:

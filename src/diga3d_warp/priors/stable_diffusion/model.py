@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.attention import AttentionBank
 from diga3d_warp.priors.guidance import Guidance
-from diga3d_warp.priors.protocol import Conditioning, Control, Prompts, Task
+from diga3d_warp.priors.protocol import Conditioning, Control, ControlKind, Prompts, Task
 from diga3d_warp.priors.sampling import SamplingSettings
 from diga3d_warp.priors.schedule import Schedule
 from diga3d_warp.priors.stable_diffusion import processor
@@ -42,7 +42,7 @@ class Parts:
     text: TextEncoder
     schedule: Schedule
     prediction: Prediction = "epsilon"
-    controlnets: Mapping[str, Any] = field(default_factory=dict)
+    controlnets: Mapping[ControlKind, Any] = field(default_factory=dict)
     images: ImageEncoder | None = None
 
 
@@ -57,9 +57,9 @@ class StableDiffusionPrior:
         parts: The models.
         device: Where to put them.
         prompting: Makes `Prompts` of both prompts and the task.
-        positive: Prompt of `fill`.
-        negative: Negative prompt of `fill`.
-        task: Task of `fill`.
+        positive: Prompt of `guidance`, under which `fill` works, too.
+        negative: Its negative prompt.
+        task: Its task.
         settings: Sampling of `fill`.
     """
 
@@ -81,15 +81,16 @@ class StableDiffusionPrior:
         self.dtype = torch.float16 if self.device.type == "cuda" else torch.float32
         self.mask_aware = parts.unet.config.in_channels == 9
         self.prompting = prompting
-        self.defaults: tuple[str, str, Task] = (positive, negative, task)
         self.settings = settings or SamplingSettings()
         self._own_processors: dict[str, Any] | None = None
+        self.control_kinds: tuple[ControlKind, ...] = tuple(parts.controlnets)
         for model in (parts.unet, *parts.controlnets.values()):
             model.to(self.device, self.dtype)
         parts.vae.to(self.device)
         parts.text.model.to(self.device)
         if parts.images is not None:
             parts.images.model.to(self.device)
+        self.guidance = Guidance(self.encode_prompts(positive, negative, task))
 
     @property
     def schedule(self) -> Schedule:
@@ -104,10 +105,8 @@ class StableDiffusionPrior:
     def fill(
         self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0, depth: torch.Tensor | None = None
     ) -> torch.Tensor:
-        """Fill the masked pixels under the default prompts; see `Prior.fill`. The depth is not used."""
-        return fill_one(
-            self, image, mask, Guidance(self.encode_prompts(*self.defaults)), self.settings, seed=seed
-        )
+        """Fill the masked pixels under `guidance`; see `Prior.fill`. The depth is not used."""
+        return fill_one(self, image, mask, self.guidance, self.settings, seed=seed)
 
     def native_size(self, height: int, width: int) -> tuple[int, int]:
         """Short side as in training (512 px for version 1.5), long side rounded down to whole cells.

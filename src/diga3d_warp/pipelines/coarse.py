@@ -1,0 +1,137 @@
+"""The coarse stage (paper Sec. 3.2): references filled, the other views made to agree, the hole fitted."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from diga3d_warp.files import to_bytes, write_image
+from diga3d_warp.gaussians.fit import FitSettings, Target, fit
+from diga3d_warp.gaussians.initialise import from_image
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines.method import Method
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.priors.protocol import DiffusionPrior, Prior
+from diga3d_warp.propagation.appearance import propagate_appearance
+from diga3d_warp.propagation.fill import Fill, carry, fill_references
+from diga3d_warp.propagation.references import References
+from diga3d_warp.propagation.unseen import Background
+from diga3d_warp.scene.scene import View
+
+SEEDS_PER_REFERENCE = 12_000
+"""Most gaussians put on what one reference invented: a tenth of a 504 x 378 image at two thirds of its
+pixels, and not many more than a fitted image holds."""
+
+
+def fill_views(
+    run: Run,
+    views: Sequence[View],
+    backgrounds: Sequence[Background],
+    depths: Sequence[np.ndarray],
+    references: References,
+    prior: Prior,
+    method: Method,
+    seed: int,
+) -> list[Fill]:
+    """Fill the references, and carry their fill to every view by its depth."""
+    cameras = [view.camera for view in views]
+    together = method.propagation != "none"
+
+    def compute(folder: Path) -> None:
+        fills = fill_references(cameras, backgrounds, depths, references, prior, seed, together=together)
+        _keep(folder, views, carry(cameras, backgrounds, depths, references, fills))
+
+    return _kept(run.stage("fill", compute), views)
+
+
+def propagate(
+    run: Run,
+    views: Sequence[View],
+    backgrounds: Sequence[Background],
+    depths: Sequence[np.ndarray],
+    fills: Sequence[Fill],
+    references: References,
+    prior: Prior,
+    method: Method,
+    seed: int,
+) -> list[Fill]:
+    """Let every other view invent its own hole, attending to the references where the method says so."""
+    if method.propagation == "warp":
+        return list(fills)
+    assert isinstance(prior, DiffusionPrior), "check_method refuses others"
+
+    def compute(folder: Path) -> None:
+        from tqdm import tqdm
+
+        with tqdm(desc="propagate", unit="step") as bar:
+
+            def progress(done: int) -> None:
+                bar.update(done - bar.n)
+
+            found = propagate_appearance(
+                prior, fills, backgrounds, depths, references, method.sampling,
+                attend=method.propagation == "attention", seed=seed, progress=progress,
+                say=lambda plan: print(plan, file=sys.stderr),
+            )  # fmt: skip
+        _keep(folder, views, found)
+
+    return _kept(run.stage("propagate", compute), views)
+
+
+def targets_of(views: Sequence[View], fills: Sequence[Fill]) -> list[Target]:
+    """What the gaussians are fitted to: the filled views, with the depth of the fill."""
+    return [
+        Target(
+            view.camera,
+            torch.from_numpy(to_bytes(fill.image)),
+            weight=torch.from_numpy((~fill.missing).astype(np.float32)),
+            depth=torch.from_numpy(fill.depth),
+        )
+        for view, fill in zip(views, fills, strict=True)
+    ]
+
+
+def refit(
+    run: Run, cleared: stages.Cleared, fills: Sequence[Fill], extent: float, settings: FitSettings, seed: int
+) -> Gaussians:
+    """Fit the hole to the filled views; gaussians that do not show there keep their values."""
+
+    def compute(folder: Path) -> None:
+        coefficients = cleared.gaussians.sh.shape[1]
+        seeds = [
+            from_image(fill.image, fill.depth, fill.invented, view.camera, coefficients, SEEDS_PER_REFERENCE)
+            for view, fill in zip(cleared.views, fills, strict=True)
+            if fill.invented.any()
+        ]
+        start = cleared.gaussians
+        for added in seeds:
+            start = start.joined(added)
+        result = fit(
+            start, targets_of(cleared.views, fills), extent, settings, effects=run.effects, seed=seed,
+            held=cleared.held(len(start)), checkpoint=folder / "checkpoint.pt", progress=True, label="refit",
+        )  # fmt: skip
+        stages.keep_fit(folder, result)
+
+    return stages.fitted(run, "refit", compute)
+
+
+def _keep(folder: Path, views: Sequence[View], fills: Sequence[Fill]) -> None:
+    for view, fill in zip(views, fills, strict=True):
+        write_image(folder / f"{view.name}.png", fill.image)
+        np.savez_compressed(
+            folder / f"{view.name}.npz",
+            depth=fill.depth, filled=fill.filled, invented=fill.invented, missing=fill.missing,
+        )  # fmt: skip
+
+
+def _kept(folder: Path, views: Sequence[View]) -> list[Fill]:
+    fills = []
+    for view in views:
+        with np.load(folder / f"{view.name}.npz") as planes:
+            fills.append(Fill(image=stages.read_picture(folder / f"{view.name}.png"), **planes))
+    return fills

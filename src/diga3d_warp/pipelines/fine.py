@@ -1,0 +1,87 @@
+"""The fine stage (paper Sec. 3.3): score distillation under texture and depth warped from the references."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from diga3d_warp.config import Effects
+from diga3d_warp.gaussians.fit import FitSettings, Target, fit
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.priors.distillation import DistillationSettings, TextureGeometryGuide
+from diga3d_warp.priors.protocol import DiffusionPrior
+from diga3d_warp.propagation.conditions import texture_geometry
+from diga3d_warp.propagation.references import References
+from diga3d_warp.splatting.render import render
+
+
+def distil(
+    run: Run,
+    source: Gaussians,
+    held: torch.Tensor,
+    targets: Sequence[Target],
+    masks: Sequence[np.ndarray],
+    references: References,
+    prior: DiffusionPrior,
+    distillation: DistillationSettings,
+    extent: float,
+    settings: FitSettings,
+    seed: int,
+) -> Gaussians:
+    """Refine an edit by TG-SDS beside its photometric and depth losses.
+
+    Args:
+        run: Where to.
+        source: The edited scene, N gaussians.
+        held: Those that keep their values, shape (N,), bool.
+        targets: The edited views, with the depth of the edit.
+        masks: Where each view was edited, shape (H, W), bool; only these pixels take the prior's gradient.
+        references: Each view follows texture and depth of the reference of its cluster.
+        prior: What estimates noise, towards its own prompts.
+        distillation: Strength and timesteps.
+        extent: Of the scene [scene units].
+        settings: Of the fit.
+        seed: Of the fit and of the noise.
+    """
+
+    def compute(folder: Path) -> None:
+        guided = _guided(source, targets, masks, references, prior, distillation, run.effects)
+        result = fit(
+            source, guided, extent, settings, effects=run.effects, seed=seed, held=held,
+            checkpoint=folder / "checkpoint.pt", progress=True, label="distil",
+        )  # fmt: skip
+        stages.keep_fit(folder, result)
+
+    return stages.fitted(run, "distil", compute)
+
+
+def _guided(
+    source: Gaussians, targets: Sequence[Target], masks: Sequence[np.ndarray], references: References,
+    prior: DiffusionPrior, distillation: DistillationSettings, effects: Effects,
+) -> list[Target]:  # fmt: skip
+    """The targets, those with a mask under the guide of their cluster's reference."""
+    with torch.no_grad():
+        shown = [render(source, target.camera, effects=replace(effects, depth=True)) for target in targets]
+    guided = []
+    for i, (target, seen) in enumerate(zip(targets, masks, strict=True)):
+        if not seen.any():
+            guided.append(target)
+            continue
+        j = references.indices[int(references.cluster[i])]
+        # The fill's depth where there is one, the splat's elsewhere.
+        filled, splat = targets[j].depth, shown[j].depth
+        depth = splat if filled is None else torch.where(filled > 0.0, filled, splat)
+        mask = torch.from_numpy(seen)
+        controls = texture_geometry(
+            targets[j].color, depth, targets[j].camera, shown[i].color, shown[i].depth, mask, target.camera
+        )
+        followed = tuple(control for control in controls if control.kind in prior.control_kinds)
+        guide = TextureGeometryGuide(prior, mask, prior.guidance, followed, distillation)
+        guided.append(replace(target, guide=guide))
+    return guided

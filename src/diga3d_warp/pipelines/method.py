@@ -1,0 +1,112 @@
+"""The switches of the method: how references are chosen, how views are made to agree, what refines them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.priors.distillation import DistillationSettings
+from diga3d_warp.priors.named import load_prior
+from diga3d_warp.priors.protocol import ControlKind, DiffusionPrior, Prior, Task
+from diga3d_warp.priors.sampling import SamplingSettings
+
+Propagation = Literal["attention", "warp", "none"]
+
+
+@dataclass(frozen=True)
+class Method:
+    """What an ablation turns.
+
+    Attributes:
+        references: Number K of references. Paper: 3.
+        selection: "kmeans", or "random" to compare.
+        propagation: How the other views come to agree with the references: by "attention" (AFP, paper
+            Sec. 3.2), by "warp" (the references' fill carried by its depth), or with "none" each view,
+            references too, is filled for itself.
+        sampling: Of the other views under "attention" and "none". Below full strength they start from the
+            warped fill.
+        distillation: TG-SDS (paper Sec. 3.3); None leaves the fine stage out.
+    """
+
+    references: int = 3
+    selection: Literal["kmeans", "random"] = "kmeans"
+    propagation: Propagation = "attention"
+    sampling: SamplingSettings = field(default_factory=SamplingSettings)
+    distillation: DistillationSettings | None = field(default_factory=DistillationSettings)
+
+    def summary(self) -> dict[str, Any]:
+        """For the manifest of a run."""
+        return {
+            "references": self.references,
+            "selection": self.selection,
+            "propagation": self.propagation,
+            "tg_sds": self.distillation is not None,
+        }
+
+
+PAPER = Method()
+"""As the paper describes it."""
+
+CARRIED = replace(PAPER, propagation="warp", distillation=None)
+"""Without diffusion beyond the references: all that a prior without noise estimates can do."""
+
+
+def usual_method(prior: Prior) -> Method:
+    """The method that suits a prior."""
+    return PAPER if isinstance(prior, DiffusionPrior) else CARRIED
+
+
+def check_method(method: Method, prior: Prior) -> None:
+    """Refuse what a prior cannot do.
+
+    Raises:
+        InputError: attention or score distillation with a prior that has neither.
+    """
+    if (method.propagation != "warp" or method.distillation) and not isinstance(prior, DiffusionPrior):
+        raise InputError(
+            f"prior {prior.name} estimates no noise: give it --propagation warp --no-tg-sds, or another prior"
+        )
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What a user chose of prior and method; None stands for what suits the prior.
+
+    Attributes:
+        prior: As `priors.named.load_prior` takes it.
+        negative: Tn: what to go away from.
+        references, selection: As in `Method`.
+        propagation: As in `Method`.
+        tg_sds: Whether score distillation refines the edit.
+    """
+
+    prior: str = "exemplar"
+    negative: str = ""
+    references: int = Method.references
+    selection: Literal["kmeans", "random"] = Method.selection
+    propagation: Propagation | None = None
+    tg_sds: bool | None = None
+
+    def load(self, task: Task, positive: str = "") -> Prior:
+        """The prior, with its prompts.
+
+        Raises:
+            InputError: see `load_prior`.
+        """
+        controls: tuple[ControlKind, ...] = () if self.tg_sds is False else ("edges", "depth")
+        return load_prior(self.prior, task=task, positive=positive, negative=self.negative, controls=controls)
+
+    def method(self, prior: Prior) -> Method:
+        """The method that suits a prior, as far as the user did not choose.
+
+        Raises:
+            InputError: the prior cannot do what was chosen.
+        """
+        method = replace(usual_method(prior), references=self.references, selection=self.selection)
+        if self.propagation is not None:
+            method = replace(method, propagation=self.propagation)
+        if self.tg_sds is not None:
+            method = replace(method, distillation=DistillationSettings() if self.tg_sds else None)
+        check_method(method, prior)
+        return method

@@ -1,0 +1,44 @@
+"""Priors by the names that the command line knows, or by folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from diga3d_warp.priors.classical import ClassicalPrior
+from diga3d_warp.priors.exemplar.prior import ExemplarPrior
+from diga3d_warp.priors.protocol import ControlKind, Prior, Task
+
+BUILT_IN = ("exemplar", "classical")
+"""Priors that need no weights."""
+
+
+def load_prior(
+    name: str,
+    *,
+    task: Task = "remove",
+    positive: str = "",
+    negative: str = "",
+    controls: Sequence[ControlKind] = (),
+    device: str = "auto",
+) -> Prior:
+    """A prior with its prompts.
+
+    Args:
+        name: "exemplar", "classical", "sd-inpainting", "powerpaint", or a folder in diffusers format.
+        task, positive, negative: What the prompts are for, Tp and Tn. "classical" reads none of them.
+            "exemplar" heeds the negative one alone: it goes on with the surroundings.
+        controls: What a Stable Diffusion prior shall be able to follow; needs a ControlNet each.
+        device: "auto", "cpu" or "cuda". The built-in priors compute on the CPU.
+
+    Raises:
+        InputError: no such prior, missing weights, or prompts that it does not understand.
+    """
+    if name == "classical":
+        return ClassicalPrior()
+    if name == "exemplar":
+        return ExemplarPrior(negative=negative)
+    from diga3d_warp.priors.stable_diffusion.load import load_stable_diffusion
+
+    return load_stable_diffusion(
+        name, controls=controls, device=device, positive=positive, negative=negative, task=task
+    )

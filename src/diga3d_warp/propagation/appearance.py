@@ -1,0 +1,85 @@
+"""Views that fill their own hole while they attend to the references (paper Sec. 3.2).
+
+The references are filled already. They take part as views in which all is known: at each timestep they leave
+the keys and values of their fill, and stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from diga3d_warp.priors.classical import telea_fill
+from diga3d_warp.priors.protocol import DiffusionPrior
+from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.views import inpaint_views
+from diga3d_warp.propagation.depth import complete_depth
+from diga3d_warp.propagation.fill import Fill
+from diga3d_warp.propagation.references import References
+from diga3d_warp.propagation.unseen import Background
+
+
+def propagate_appearance(
+    prior: DiffusionPrior,
+    fills: Sequence[Fill],
+    backgrounds: Sequence[Background],
+    depths: Sequence[np.ndarray],
+    references: References,
+    sampling: SamplingSettings,
+    *,
+    attend: bool = True,
+    seed: int = 0,
+    say: Callable[[str], None] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> list[Fill]:
+    """Invent the hole of every view but the references anew.
+
+    Args:
+        prior: What invents, towards its own prompts.
+        fills: The references' fill in all views, from `fill.carry`: it gives depth and, below full strength,
+            what sampling starts from.
+        backgrounds: What is known behind the object, one per view.
+        depths: z of the splat without the object, one per view, shape (H, W); 0 where it shows nothing.
+        references: Which views the others attend to.
+        sampling: How.
+        attend: Whether they attend to them at all.
+        seed: Of the noise.
+        say, progress: As in `priors.views.inpaint_views`.
+
+    Returns:
+        One fill a view. Its depth is the carried one, continued where no reference's fill arrived; there the
+        view counts as its inventor.
+    """
+    found = list(fills)
+    fixed = set(references.indices)
+    others = [i for i, at in enumerate(backgrounds) if i not in fixed and at.unseen.any()]
+    if not others:
+        return found
+    rows = [*references.indices, *others] if attend else others
+    masks = [torch.from_numpy(backgrounds[i].unseen & (i not in fixed)) for i in rows]
+    images = [_begun(fills[i]) for i in rows]
+    count = len(rows) - len(others)
+    painted = inpaint_views(
+        prior, images, masks, prior.guidance, sampling, references=range(count), seed=seed, say=say,
+        progress=progress,
+    )  # fmt: skip
+    for i, image in zip(rows, painted, strict=True):
+        if i not in fixed:
+            found[i] = _with_image(fills[i], image.numpy(), backgrounds[i].unseen, depths[i])
+    return found
+
+
+def _begun(fill: Fill) -> torch.Tensor:
+    """A view with something in every pixel, (H, W, 3): where no fill arrived its image shows the object."""
+    image = torch.from_numpy(fill.image)
+    return telea_fill(image, torch.from_numpy(fill.missing)) if fill.missing.any() else image
+
+
+def _with_image(fill: Fill, image: np.ndarray, unseen: np.ndarray, behind: np.ndarray) -> Fill:
+    surface = complete_depth(np.where(fill.filled, fill.depth, behind), fill.missing)
+    depth = np.where(unseen, surface, 0.0).astype(np.float32)
+    nothing = np.zeros_like(unseen)
+    return replace(fill, image=image, depth=depth, filled=unseen, invented=fill.missing, missing=nothing)

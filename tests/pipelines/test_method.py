@@ -1,0 +1,41 @@
+"""What suits a prior, what a user may choose, and what is refused."""
+
+import pytest
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.pipelines.method import CARRIED, PAPER, Choices, Method, usual_method
+from diga3d_warp.priors.classical import ClassicalPrior
+from diga3d_warp.priors.exemplar.prior import ExemplarPrior
+
+
+def test_a_prior_without_noise_estimates_carries_the_fill():
+    assert usual_method(ClassicalPrior()) == CARRIED
+    assert Choices("classical").method(ClassicalPrior()) == CARRIED
+
+
+@pytest.mark.parametrize("choices", [{"propagation": "attention"}, {"propagation": "none"}, {"tg_sds": True}])
+def test_what_a_prior_cannot_do_is_refused(choices):
+    with pytest.raises(InputError, match="prior classical estimates no noise: give it --propagation warp"):
+        Choices("classical", **choices).method(ClassicalPrior())
+
+
+def test_choices_win_over_what_suits():
+    prior = ExemplarPrior()
+    chosen = Choices(propagation="none", tg_sds=False, references=2, selection="random").method(prior)
+    assert chosen == Method(2, "random", "none", usual_method(prior).sampling, None)
+    assert Choices(tg_sds=True).method(prior).distillation is not None
+    assert Choices().method(prior) == usual_method(prior)
+
+
+def test_a_negative_prompt_reaches_the_prior():
+    assert Choices(negative="brick").load("remove").guidance.scale > 1.0
+    assert Choices().load("remove").guidance.scale == 1.0
+    with pytest.raises(InputError, match="10000 characters"):
+        Choices(negative="x" * 10_000).load("remove")
+
+
+def test_the_manifest_tells_the_switches():
+    assert PAPER.summary() == {
+        "references": 3, "selection": "kmeans", "propagation": "attention", "tg_sds": True,
+    }  # fmt: skip
+    assert CARRIED.summary()["tg_sds"] is False
