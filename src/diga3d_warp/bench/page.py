@@ -122,27 +122,30 @@ def lines(
         axes[0].legend(frameon=False)
 
 
-def pictures(path: Path, pairs: Mapping[str, tuple[Any, Any]], columns: int = 5) -> None:
-    """Pairs of pictures, one above the other, in rows of `columns` pairs.
+def pictures(path: Path, stacks: Mapping[str, Sequence[Any]], columns: int = 5) -> None:
+    """Pictures one above the other, such stacks in rows of `columns`.
 
     Args:
         path: The .png file.
-        pairs: Upper and lower picture by title, RGB in [0, 1], shape (H, W, 3), all of one size.
-        columns: Pairs in a row.
+        stacks: Pictures by title, from above, RGB in [0, 1], shape (H, W, 3); as many in each stack, all of
+            one size.
+        columns: Stacks in a row.
     """
     from matplotlib.figure import Figure
 
-    rows = -(-len(pairs) // columns)
-    height, width = next(iter(pairs.values()))[0].shape[:2]
+    rows = -(-len(stacks) // columns)
+    first = next(iter(stacks.values()))
+    count, (height, width) = len(first), first[0].shape[:2]
     side = 2.6
-    figure = Figure(figsize=(side * columns, rows * (2 * side * height / width + 0.3)), layout="constrained")
-    axes = figure.subplots(2 * rows, columns, squeeze=False)
+    size = (side * columns, rows * (count * side * height / width + 0.3))
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(count * rows, columns, squeeze=False)
     for each in axes.flat:
         each.set_axis_off()
-    for index, (title, pair) in enumerate(pairs.items()):
+    for index, (title, stack) in enumerate(stacks.items()):
         row, column = divmod(index, columns)
-        for below, picture in enumerate(pair):
-            axes[2 * row + below, column].imshow(picture)
-        axes[2 * row, column].set_title(title, loc="left", fontsize=10)
+        for below, picture in enumerate(stack):
+            axes[count * row + below, column].imshow(picture)
+        axes[count * row, column].set_title(title, loc="left", fontsize=10)
     with whole_file(path) as partial:
         figure.savefig(partial, dpi=DOTS)

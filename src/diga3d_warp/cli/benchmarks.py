@@ -10,11 +10,11 @@ from diga3d_warp.cli.parsing import Commands, positive_int
 
 
 def add_benchmarks(commands: Commands) -> None:
-    """bench, with kernels, effects and accuracy."""
+    """bench, with kernels, effects, accuracy and ablation."""
     bench = commands.add(
         "bench",
         _kernels,
-        "measure what kernels, effects and accuracy cost on this machine",
+        "measure what kernels, effects, accuracy and parts of the method cost and bring",
         "diga3d bench kernels --out run/benchmarks",
     )
     benchmarks = Commands(bench, "benchmarks", "BENCHMARK")
@@ -25,27 +25,27 @@ def add_benchmarks(commands: Commands) -> None:
         _kernels,
         "speed of every kernel, against a plain one",
         "Measure the speed of every kernel on a seeded scene, against a plain kernel.",
-        9,
     )
+    _add_count(kernels, "--repeats", 9, REPEATS)
     kernels.add_argument(
         "--sizes", action="store_true", help="cost against the number of gaussians and pixels instead"
     )
-    _add(
+    effects = _add(
         benchmarks,
         "effects",
         _effects,
         "what each effect costs on, and that it costs nothing off",
         "Measure what each effect adds to a training step, and compare the kernels' sources.",
-        25,
     )
+    _add_count(effects, "--repeats", 25, REPEATS)
     accuracy = _add(
         benchmarks,
         "accuracy",
         _accuracy,
         "what each knob of accuracy costs in error and in time",
         "Measure error and time of every knob of accuracy, on easy and on hard scenes.",
-        5,
     )
+    _add_count(accuracy, "--repeats", 5, REPEATS)
     accuracy.add_argument(
         "--scene", type=Path, metavar="DIR", help="a run, or a capture with a splat, to be measured too"
     )
@@ -54,12 +54,23 @@ def add_benchmarks(commands: Commands) -> None:
         action="store_true",
         help="what references, iterations and diffusion steps of a removal cost instead",
     )
+    ablation = _add(
+        benchmarks,
+        "ablation",
+        _ablation,
+        "what each part of the method brings to a removal",
+        "Remove an object from a synthetic room without one part of the method after another.",
+    )
+    _add_count(ablation, "--seeds", 3, "edits of each variant, each from a seed of its own")
+
+
+REPEATS = "times each measurement is repeated"
 
 
 def _add(
-    benchmarks: Commands, name: str, run: Callable[..., int], summary: str, description: str, repeats: int
+    benchmarks: Commands, name: str, run: Callable[..., int], summary: str, description: str
 ) -> argparse.ArgumentParser:
-    """A benchmark with the options that all have."""
+    """A benchmark with the one option that all have."""
     example = f"diga3d bench {name} --out run/benchmarks"
     benchmark = benchmarks.add(name, run, summary, example, description)
     benchmark.add_argument(
@@ -69,14 +80,13 @@ def _add(
         metavar="DIR",
         help="folder for the page and its plots (default run/benchmarks)",
     )
-    benchmark.add_argument(
-        "--repeats",
-        type=positive_int,
-        default=repeats,
-        metavar="N",
-        help=f"times each measurement is repeated (default {repeats})",
-    )
     return benchmark
+
+
+def _add_count(benchmark: argparse.ArgumentParser, option: str, usual: int, what: str) -> None:
+    benchmark.add_argument(
+        option, type=positive_int, default=usual, metavar="N", help=f"{what} (default {usual})"
+    )
 
 
 def _kernels(out: Path, repeats: int, sizes: bool) -> int:
@@ -106,4 +116,13 @@ def _accuracy(out: Path, repeats: int, scene: Path | None, pipeline: bool) -> in
     for table in bench_pipeline(out) if pipeline else bench_accuracy(out, repeats, scene):
         print(table.text())
     print(out / ("accuracy_pipeline.md" if pipeline else "accuracy.md"))
+    return 0
+
+
+def _ablation(out: Path, seeds: int) -> int:
+    from diga3d_warp.bench.ablation.page import bench_ablation
+
+    for table in bench_ablation(out, seeds):
+        print(table.text())
+    print(out / "ablation.md")
     return 0

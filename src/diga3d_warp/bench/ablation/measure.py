@@ -1,0 +1,182 @@
+"""Run the trials, and take their figures from the finished stages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from diga3d_warp.bench.ablation.trials import WEIGHTLESS, Trial
+from diga3d_warp.bench.room import BUDGET, CAPTURED, against_truth, share_stages, true_picture
+from diga3d_warp.errors import InputError
+from diga3d_warp.evaluation.consistency import depth_errors, disagreement
+from diga3d_warp.evaluation.metrics import Score
+from diga3d_warp.evaluation.record import read_manifest
+from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.pipelines.demo import TRUTH
+from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveResult, RemoveSettings, remove
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.pipelines.stages import read_mask, read_picture
+from diga3d_warp.priors.named import load_prior
+from diga3d_warp.priors.protocol import Prior
+from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.scene import Scene
+from diga3d_warp.splatting.render import render
+
+SETTINGS = RemoveSettings(
+    fit=FitSettings(iterations=600, budget=BUDGET),
+    refit=replace(REFIT, iterations=300),
+    distil=replace(DISTIL, iterations=100),
+)
+"""Fewer iterations than a removal takes by default: a quarter of the pixels, and the gaussians of the hole
+start on the filled surface."""
+
+COARSE = ("references", "fill", "propagate", "refit")
+"""Stages that the fine stage builds on."""
+
+EDIT = (*COARSE, "distil")
+
+TRUE_DEPTH = TRUTH.with_name("depth_without_object")
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What one removal gave.
+
+    Attributes:
+        score: Of the held-out views against the room without the object, by region.
+        coarse: Disagreement of the filled views before any fit [levels of 255].
+        rendered: Disagreement of the same views, rendered from the edited splat [levels of 255].
+        depth_error: Median relative depth error of those renderings in what no view had seen [1].
+        seconds: Wall time of the stages from the choice of references to the last.
+        peak_mib: Largest resident memory of the process in these stages.
+        fills: The filled views by name, RGB in [0, 1], shape (H, W, 3).
+        shown: One held-out view, rendered, RGB in [0, 1], shape (H, W, 3).
+    """
+
+    score: dict[str, Score]
+    coarse: float
+    rendered: float
+    depth_error: float
+    seconds: float
+    peak_mib: int
+    fills: dict[str, np.ndarray]
+    shown: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What is known of the fitted views of a room, and what no view had seen of it.
+
+    Attributes:
+        images: The room without the object, RGB in [0, 1], shape (H, W, 3).
+        depths: Its z depth [m], shape (H, W).
+        unseen: What no photograph shows behind the object, shape (H, W), bool.
+    """
+
+    images: list[np.ndarray]
+    depths: list[np.ndarray]
+    unseen: list[np.ndarray]
+
+    @classmethod
+    def of(cls, scene: Scene, run: Run) -> Truth:
+        """From the generator, and from a run that has looked behind the object."""
+        stage = run.folder / "stages" / "look-behind"
+        return cls(
+            [true_picture(scene, view).numpy() for view in scene.views],
+            [np.load(scene.path / TRUE_DEPTH / f"{view.name}.npy") for view in scene.views],
+            [read_mask(stage / f"{view.name}.unseen.png") for view in scene.views],
+        )
+
+    def disagreement(self, scene: Scene, images: Sequence[np.ndarray]) -> float:
+        """Of images of the fitted views in what no view had seen, along the true depth [levels of 255]."""
+        cameras = [view.camera for view in scene.views]
+        return disagreement(cameras, images, self.depths, self.unseen).difference
+
+
+def priors_of(trials: Iterable[Trial]) -> dict[str, Prior | str]:
+    """The priors of the trials by name; for one that cannot be measured here, a line that says why."""
+    found: dict[str, Prior | str] = {}
+    for name in dict.fromkeys(trial.prior for trial in trials):
+        if name in WEIGHTLESS or torch.cuda.is_available():
+            try:
+                found[name] = load_prior(name, task="remove", controls=("edges", "depth"))
+            except InputError as error:
+                found[name] = str(error)
+        else:
+            found[name] = "it needs a CUDA device, and its weights"
+    return found
+
+
+def measure(
+    scene: Scene,
+    trials: Iterable[Trial],
+    seeds: int,
+    folder: Path,
+    priors: Mapping[str, Prior | str],
+    settings: RemoveSettings = SETTINGS,
+) -> tuple[Truth, dict[tuple[Trial, int], Outcome]]:
+    """Run each trial with each seed, once.
+
+    All share the fit of the capture; those of one seed that differ in the fine stage alone share the coarse.
+
+    Args:
+        scene: The synthetic room, with held-out views.
+        trials: Equal ones are run once. The first must have a prior.
+        seeds: Each trial is run with the seeds 0 to `seeds` - 1.
+        folder: Where runs go.
+        priors: From `priors_of`; trials of a prior that cannot be measured are left out.
+        settings: Of all trials but for their method.
+
+    Returns:
+        What is known of the room, and outcomes by trial and seed.
+    """
+    outcomes: dict[tuple[Trial, int], Outcome] = {}
+    begun: dict[tuple[Trial, int], Run] = {}
+    captured: Run | None = None
+    for index, trial in enumerate(dict.fromkeys(trials)):
+        prior = priors[trial.prior]
+        if isinstance(prior, str):
+            continue
+        for seed in range(seeds):
+            run = Run(folder / f"{index}-{seed}", "remove", {"scene": scene.path})
+            if captured is not None:
+                share_stages(captured, run, CAPTURED)
+            if (trial.coarse, seed) in begun:
+                share_stages(begun[trial.coarse, seed], run, COARSE)
+            result = remove(scene, run, replace(settings, method=trial.method), prior=prior, seed=seed)
+            captured = captured or run
+            begun.setdefault((trial.coarse, seed), run)
+            outcomes[trial, seed] = outcome_of(scene, result, settings, Truth.of(scene, run))
+    assert captured is not None, "some trial has a prior without weights"
+    return Truth.of(scene, captured), outcomes
+
+
+def outcome_of(scene: Scene, result: RemoveResult, settings: RemoveSettings, truth: Truth) -> Outcome:
+    """The figures of a finished removal."""
+    stages = result.run.folder / "stages"
+    filled = stages / ("propagate" if (stages / "propagate").is_dir() else "fill")
+    fills = {view.name: read_picture(filled / f"{view.name}.png") for view in scene.views}
+    colors, depths = zip(*(_seen(result, view.camera) for view in scene.views), strict=True)
+    timing = [stage for stage in read_manifest(result.run.folder)["stages"] if stage["name"] in EDIT]
+    return Outcome(
+        score=against_truth(scene, result, settings),
+        coarse=truth.disagreement(scene, list(fills.values())),
+        rendered=truth.disagreement(scene, colors),
+        depth_error=float(np.median(depth_errors(depths, truth.depths, truth.unseen))),
+        seconds=sum(stage["seconds"] for stage in timing),
+        peak_mib=max(stage["peak_mib"] for stage in timing),
+        fills=fills,
+        shown=_seen(result, scene.test_views[len(scene.test_views) // 2].camera)[0],
+    )
+
+
+def _seen(result: RemoveResult, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Colour in [0, 1] and depth of a rendering; depth is 0 where the splat covers less than half."""
+    with torch.no_grad():
+        rendering = render(result.gaussians, camera, effects=replace(result.run.effects, depth=True))
+    depth = torch.where(rendering.alpha > 0.5, rendering.depth, 0.0)
+    return rendering.color.clamp(0.0, 1.0).numpy(), depth.numpy()
