@@ -47,7 +47,7 @@ class GaussianPrior:
         return (z.permute(0, 2, 3, 1) + 1.0) / 2.0
 
     def encode_prompts(self, positive, negative, task):
-        return Prompts(float(positive), float(negative))
+        return Prompts(float(positive or 0.0), float(negative or 0.0))
 
     def conditioning(self, images, masks):
         return Conditioning(self.encode_image(images), masks[:, None].float())

@@ -51,7 +51,8 @@ def ball_sight(camera: Camera, albedo=plain, waver=0.0, seed=0) -> Sight:
     noise = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal(depth.shape), (0, 0), 3.0)
     noise *= waver / noise.std()
     wavering = np.where(hit, depth + noise, 0.0).astype(np.float32)
-    return Sight(camera, image, image * share[..., None], share, wavering)
+    wall = np.where(hit, wavering, 2.0 * np.linalg.norm(offset)).astype(np.float32)
+    return Sight(camera, image, image * share[..., None], share, wavering, wall)
 
 
 def ring(count: int = 6, size: int = 96) -> list[Camera]:

@@ -1,12 +1,14 @@
 """A surface fused from wavering depth is the true one; frames stand upright."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from ball import CENTER, RADIUS, ball_sight, ring
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.objects.frame import frame_of, upward
-from diga3d_warp.objects.surface import Sight, fuse, without_floaters
+from diga3d_warp.objects.surface import fuse, without_floaters
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +38,7 @@ def test_feet_lie_on_the_ball_wherever_they_are_looked_for_from(surface):
 
 def test_repainted_views_change_only_the_object():
     sight = ball_sight(ring()[0])
-    half = Sight(sight.camera, sight.image, 0.5 * sight.own, 0.5 * sight.share, sight.depth)
+    half = replace(sight, own=0.5 * sight.own, share=0.5 * sight.share)
     red = np.zeros_like(sight.image) + np.float32([1, 0, 0])
     for each, part in ((sight, 1.0), (half, 0.5)):
         changed = each.repainted(red)
@@ -55,7 +57,7 @@ def test_parts_that_lie_apart_are_left_out():
 
 def test_an_object_that_shows_nowhere_is_refused():
     sight = ball_sight(ring()[0])
-    empty = Sight(sight.camera, sight.image, 0 * sight.own, 0 * sight.share, 0 * sight.depth)
+    empty = replace(sight, own=0 * sight.own, share=0 * sight.share, depth=0 * sight.depth)
     with pytest.raises(InputError, match="show in no view"):
         fuse([empty])
 

@@ -64,6 +64,7 @@ class Sight:
         share: The object's blending weight in [0, 1], shape (H, W), float32: under 1 at its rim, and where
             something stands in front.
         depth: z of the object alone [scene units], shape (H, W), float32; 0 where it is not.
+        scene_depth: z of all that the view shows [scene units], shape (H, W), float32; 0 where nothing is.
     """
 
     camera: Camera
@@ -71,6 +72,7 @@ class Sight:
     own: np.ndarray
     share: np.ndarray
     depth: np.ndarray
+    scene_depth: np.ndarray
 
     @property
     def mask(self) -> np.ndarray:

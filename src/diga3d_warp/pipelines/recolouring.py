@@ -49,8 +49,9 @@ def look_at_object(run: Run, views: Sequence[View], source: Gaussians, rows: tor
             sight = _sight(source, rows, view, run.effects)
             write_image(folder / f"{view.name}.png", sight.image)
             np.savez_compressed(
-                folder / f"{view.name}.npz", own=sight.own, share=sight.share, depth=sight.depth
-            )
+                folder / f"{view.name}.npz",
+                own=sight.own, share=sight.share, depth=sight.depth, scene_depth=sight.scene_depth,
+            )  # fmt: skip
 
     folder = run.stage("look", compute)
     sights = []
@@ -69,13 +70,15 @@ def _sight(source: Gaussians, rows: torch.Tensor, view: View, effects: Effects) 
     without.sh[~rows, 0] = -0.5 / C0  # black: what is left is the object's part
     colors_only, with_depth = replace(effects, depth=False), replace(effects, depth=True)
     share = without_floaters(object_share(source, camera, rows, effects).numpy())
+    whole = render(source, camera, effects=with_depth)
     depth = render(source.select(rows), camera, effects=with_depth).depth.numpy()
     return Sight(
         camera,
-        render(source, camera, effects=colors_only).color.clamp(0.0, 1.0).numpy(),
+        whole.color.clamp(0.0, 1.0).numpy(),
         render(without, camera, effects=colors_only).color.numpy(),
         share,
         np.where(share > 0, depth, 0.0).astype(np.float32),
+        whole.depth.numpy(),
     )
 
 

@@ -1,0 +1,67 @@
+"""Retexture by free text: a diffusion prior repaints the object in all views (paper Sec. 3.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import torch
+
+from diga3d_warp.objects.surface import Sight
+from diga3d_warp.perception.depth import depth_control
+from diga3d_warp.perception.edges import canny_edges
+from diga3d_warp.priors.editing import edit_views
+from diga3d_warp.priors.protocol import DEPTH_SCALE, EDGES_SCALE, DiffusionPrior
+from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.views import ViewControl
+
+
+class DiffusionRepainter:
+    """A `Repainter` that asks a diffusion prior, under the prompts that it was made with.
+
+    Shape and shading are kept in two ways: sampling starts from the inverted views, and follows their edges
+    and their depth as far as the prior has ControlNets for these. That the views agree is up to attention
+    propagation; unlike a material wrapped around the surface, nothing makes them agree to the pixel.
+
+    Args:
+        prior: What repaints, by its `guidance`.
+        settings: How to sample.
+        say: Told time and memory before sampling starts.
+        progress: As in `edit_views`.
+    """
+
+    def __init__(
+        self,
+        prior: DiffusionPrior,
+        settings: SamplingSettings | None = None,
+        *,
+        say: Callable[[str], None] | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> None:
+        self.name = prior.name
+        self.prior = prior
+        self.settings = settings
+        self.say = say
+        self.progress = progress
+
+    def repaint(self, sights: Sequence[Sight], references: Sequence[int], seed: int) -> list[np.ndarray]:
+        """See `Repainter.repaint`; the noise comes from the views themselves, and the seed is not needed."""
+        images = [torch.from_numpy(sight.image) for sight in sights]
+        masks = [torch.from_numpy(sight.touched) for sight in sights]
+        depths = [torch.from_numpy(sight.scene_depth) for sight in sights]
+        controls = {
+            "edges": ViewControl("edges", [canny_edges(image) for image in images], EDGES_SCALE),
+            "depth": ViewControl("depth", [depth_control(depth) for depth in depths], DEPTH_SCALE),
+        }
+        painted = edit_views(
+            self.prior,
+            images,
+            masks,
+            self.prior.guidance,
+            self.settings,
+            references=references,
+            controls=[controls[kind] for kind in self.prior.control_kinds],
+            say=self.say,
+            progress=self.progress,
+        )
+        return [image.numpy() for image in painted]

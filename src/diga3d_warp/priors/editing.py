@@ -1,0 +1,92 @@
+"""Views whose masked part becomes what a prompt says (coarse stage, paper Sec. 3.2).
+
+Sampling starts from the DDIM inversion of the views as they are, so that what is not asked for stays: pose,
+shape, light. The references are edited one after another, each attending to those before it; then all other
+views attend to the references. An edited view takes part as one in which all is known: at each timestep it
+leaves keys and values of its edit, and stays as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import torch
+
+from diga3d_warp.priors.guidance import Guidance
+from diga3d_warp.priors.protocol import DiffusionPrior
+from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.views import ViewControl, inpaint_views
+from diga3d_warp.priors.windows import Windows
+
+
+def edit_views(
+    prior: DiffusionPrior,
+    images: Sequence[torch.Tensor],
+    masks: Sequence[torch.Tensor],
+    guidance: Guidance,
+    settings: SamplingSettings | None = None,
+    *,
+    references: Sequence[int],
+    controls: Sequence[ViewControl] = (),
+    say: Callable[[str], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[torch.Tensor]:
+    """Edit the masked part of N views, within windows around it.
+
+    There is no seed: inversion gives each view its noise.
+
+    Args:
+        prior: What invents.
+        images: The views as they are, RGB in [0, 1], shape (H, W, 3) each.
+        masks: True where to edit, shape (H, W), bool, one for each image. A view without a mask stays.
+        guidance: What the masked part shall show.
+        settings: How to sample.
+        references: Indices of the views that all others attend to, in their order. Those without a mask are
+            left out; if that leaves none, the view with the largest mask takes their place.
+        controls: Edges and depth to follow, for all views.
+        say: Told time and memory before each turn.
+        progress: Called after each timestep with how many are done and how many there are, over all turns.
+
+    Returns:
+        The views in their order, shape (H, W, 3), float32 in [0, 1]; unmasked pixels are exactly those given.
+
+    Raises:
+        InputError: no view has a mask, or one covers all of its view.
+    """
+    settings = settings or SamplingSettings()
+    windows = Windows.around(masks, prior)
+    parts, holes = windows.cut(images), windows.cut(masks)
+    followed = [replace(control, images=windows.cut(control.images)) for control in controls]
+    first = [windows.views.index(index) for index in references if index in windows.views]
+    first = first or [max(range(len(holes)), key=lambda k: int(holes[k].sum()))]
+    others = [k for k in range(len(parts)) if k not in first]
+    turns = [[k] for k in first] + ([others] if others else [])
+    # What removal goes away from, with nothing said about it: an image in which some object stands.
+    source = prior.encode_prompts("", "", "remove").negative
+    steps = len(prior.schedule.timesteps(settings.steps, settings.strength))
+
+    for done, turn in enumerate(turns):
+        before = first[:done]
+        rows = [*before, *turn]
+        edited = inpaint_views(
+            prior,
+            [parts[k] for k in rows],
+            [holes[k] if k in turn else torch.zeros_like(holes[k]) for k in rows],
+            guidance,
+            settings,
+            references=range(len(before)),
+            controls=[replace(c, images=[c.images[k] for k in rows]) for c in followed],
+            source=source,
+            say=say,
+            progress=_counting(progress, done * steps, len(turns) * steps),
+        )
+        for k, part in zip(rows, edited, strict=True):
+            parts[k] = part
+    return windows.put_back(images, parts)
+
+
+def _counting(
+    progress: Callable[[int, int], None] | None, before: int, total: int
+) -> Callable[[int], None] | None:
+    return None if progress is None else lambda done: progress(before + done, total)

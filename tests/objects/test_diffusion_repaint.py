@@ -1,0 +1,88 @@
+"""Retexture through a diffusion prior, on a tiny checkpoint in the real format: random weights, real code."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from ball import ball_sight, ring
+
+from diga3d_warp.objects.diffusion_repaint import DiffusionRepainter
+from diga3d_warp.priors.sampling import SamplingSettings
+from tiny_diffusion import write_checkpoint
+
+SETTINGS = SamplingSettings(steps=2, batch=2)
+CONTROLS = ("edges", "depth")
+
+
+@pytest.fixture(scope="module")
+def load(tmp_path_factory):
+    from diga3d_warp.priors.stable_diffusion.load import load_stable_diffusion
+
+    folder = write_checkpoint(tmp_path_factory.mktemp("checkpoint") / "sd")
+
+    def prior(positive="a wooden vase", controls=CONTROLS):
+        return load_stable_diffusion(
+            folder, controls=controls, positive=positive, task="retexture", device="cpu"
+        )
+
+    return prior
+
+
+@pytest.fixture(scope="module")
+def sights():
+    return [ball_sight(camera) for camera in ring(3, size=48)]
+
+
+@pytest.fixture(scope="module")
+def painted(load, sights):
+    return DiffusionRepainter(load(), SETTINGS).repaint(sights, [0, 2], seed=0)
+
+
+def test_the_object_is_repainted_and_nothing_else(painted, sights):
+    assert len(painted) == len(sights)
+    for sight, image in zip(sights, painted, strict=True):
+        assert 100 < sight.touched.sum() < 0.5 * sight.touched.size
+        assert np.array_equal(image[~sight.touched], sight.image[~sight.touched])
+        assert np.abs(image - sight.image)[sight.touched].mean() > 0.05
+        assert image[sight.touched].std() > 0.02, "not blank"
+        assert image.min() >= 0.0 and image.max() <= 1.0
+
+
+def test_the_same_bytes_each_time(painted, load, sights):
+    again = DiffusionRepainter(load(), SETTINGS).repaint(sights, [0, 2], seed=1)
+    assert all(np.array_equal(a, b) for a, b in zip(painted, again, strict=True))
+
+
+@pytest.mark.parametrize("changes", [{"positive": "a cube"}, {"controls": ("depth",)}, {"controls": ()}])
+def test_prompt_and_controls_matter(painted, load, sights, changes):
+    other = DiffusionRepainter(load(**changes), SETTINGS).repaint(sights, [0, 2], seed=0)
+    for sight, mine, theirs in zip(sights, painted, other, strict=True):
+        assert np.abs(mine - theirs)[sight.touched].mean() > 1e-3
+
+
+def test_edges_and_depth_of_the_view_are_followed(load, sights):
+    """Depth is brightest on the ball, the nearest there is; its outline is an edge."""
+    prior, seen = load(), {}
+    predict = prior.predict_noise
+
+    def watch(z, t, text, cond=None, controls=(), image_embeds=None):
+        seen.update({control.kind: (control.scale, control.image[0]) for control in controls})
+        return predict(z, t, text, cond, controls, image_embeds)
+
+    prior.predict_noise = watch
+    DiffusionRepainter(prior, SETTINGS).repaint(sights[:1], [0], seed=0)
+    scale, depth = seen["depth"]
+    middle = tuple(side // 2 for side in depth.shape)
+    assert scale == 1.0 and depth[middle] > 0.9 and depth[0, 0] == 0.0
+    scale, edges = seen["edges"]
+    assert scale == 0.8 and edges.max() > 0.3 and edges.mean() < 0.3 and edges[0, 0] == 0.0
+
+
+def test_the_plan_is_printed_before_sampling(load, sights):
+    said = []
+    DiffusionRepainter(load(), SETTINGS, say=said.append).repaint(sights, [0], seed=0)
+    assert [line.partition(" noise")[0] for line in said] == [
+        "1 views, 0 of them references, 2 steps: 4",
+        "3 views, 1 of them references, 2 steps: 12",
+    ]
+    assert all("keys of the references" in line for line in said)
