@@ -7,6 +7,7 @@ import pytest
 from ball import ball_sight, ring
 
 from diga3d_warp.objects.diffusion_repaint import DiffusionRepainter
+from diga3d_warp.priors.guidance import Guidance
 from diga3d_warp.priors.sampling import SamplingSettings
 from tiny_diffusion import write_checkpoint
 
@@ -20,12 +21,12 @@ def load(tmp_path_factory):
 
     folder = write_checkpoint(tmp_path_factory.mktemp("checkpoint") / "sd")
 
-    def prior(positive="a wooden vase", controls=CONTROLS):
-        return load_stable_diffusion(
-            folder, controls=controls, positive=positive, task="retexture", device="cpu"
-        )
+    return lambda controls=CONTROLS: load_stable_diffusion(folder, controls=controls, device="cpu")
 
-    return prior
+
+def repaint(prior, sights, references, prompt="a wooden vase", seed=0, **options):
+    guidance = Guidance(prior.encode_prompts(prompt, "", "retexture"))
+    return DiffusionRepainter(prior, guidance, SETTINGS, **options).repaint(sights, references, seed)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +36,7 @@ def sights():
 
 @pytest.fixture(scope="module")
 def painted(load, sights):
-    return DiffusionRepainter(load(), SETTINGS).repaint(sights, [0, 2], seed=0)
+    return repaint(load(), sights, [0, 2])
 
 
 def test_the_object_is_repainted_and_nothing_else(painted, sights):
@@ -49,13 +50,15 @@ def test_the_object_is_repainted_and_nothing_else(painted, sights):
 
 
 def test_the_same_bytes_each_time(painted, load, sights):
-    again = DiffusionRepainter(load(), SETTINGS).repaint(sights, [0, 2], seed=1)
+    again = repaint(load(), sights, [0, 2], seed=1)
     assert all(np.array_equal(a, b) for a, b in zip(painted, again, strict=True))
 
 
-@pytest.mark.parametrize("changes", [{"positive": "a cube"}, {"controls": ("depth",)}, {"controls": ()}])
-def test_prompt_and_controls_matter(painted, load, sights, changes):
-    other = DiffusionRepainter(load(**changes), SETTINGS).repaint(sights, [0, 2], seed=0)
+@pytest.mark.parametrize(
+    ("prompt", "controls"), [("a cube", CONTROLS), ("a wooden vase", ("depth",)), ("a wooden vase", ())]
+)
+def test_prompt_and_controls_matter(painted, load, sights, prompt, controls):
+    other = repaint(load(controls), sights, [0, 2], prompt)
     for sight, mine, theirs in zip(sights, painted, other, strict=True):
         assert np.abs(mine - theirs)[sight.touched].mean() > 1e-3
 
@@ -70,7 +73,7 @@ def test_edges_and_depth_of_the_view_are_followed(load, sights):
         return predict(z, t, text, cond, controls, image_embeds)
 
     prior.predict_noise = watch
-    DiffusionRepainter(prior, SETTINGS).repaint(sights[:1], [0], seed=0)
+    repaint(prior, sights[:1], [0])
     scale, depth = seen["depth"]
     middle = tuple(side // 2 for side in depth.shape)
     assert scale == 1.0 and depth[middle] > 0.9 and depth[0, 0] == 0.0
@@ -80,7 +83,7 @@ def test_edges_and_depth_of_the_view_are_followed(load, sights):
 
 def test_the_plan_is_printed_before_sampling(load, sights):
     said = []
-    DiffusionRepainter(load(), SETTINGS, say=said.append).repaint(sights, [0], seed=0)
+    repaint(load(), sights, [0], say=said.append)
     assert [line.partition(" noise")[0] for line in said] == [
         "1 views, 0 of them references, 2 steps: 4",
         "3 views, 1 of them references, 2 steps: 12",

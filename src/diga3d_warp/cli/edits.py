@@ -9,7 +9,6 @@ from diga3d_warp.cli.options import (
     add_exemplar,
     add_marks,
     add_prior,
-    add_reference_options,
     add_run_options,
     choices_of,
 )
@@ -34,15 +33,19 @@ def add_edits(commands: Commands) -> None:
     retexture = commands.add(
         "retexture",
         _retexture,
-        "give the masked object another material",
+        "give the masked object another look",
         'diga3d retexture captures/bear --prompt "white marble" --out run/bear',
     )
     add_run_options(retexture)
     add_marks(retexture)
     material = retexture.add_mutually_exclusive_group(required=True)
-    material.add_argument("--prompt", metavar="TEXT", help="the material; a word of the built-in vocabulary")
+    material.add_argument(
+        "--prompt",
+        metavar="TEXT",
+        help="the material: a word of the built-in vocabulary, or any text with a Stable Diffusion --prior",
+    )
     add_exemplar(material, "--prompt")
-    add_reference_options(retexture)
+    add_prior(retexture)
 
     replace = commands.add(
         "replace",
@@ -76,7 +79,7 @@ def _remove(**options: Any) -> int:
 def _retexture(**options: Any) -> int:
     from diga3d_warp.pipelines.retexture import retexture_command
 
-    return _show_run(retexture_command(**options))
+    return _show_run(retexture_command(choices=choices_of(options), **options))
 
 
 def _replace(**options: Any) -> int:

@@ -11,20 +11,22 @@ from diga3d_warp.objects.surface import Sight
 from diga3d_warp.perception.depth import depth_control
 from diga3d_warp.perception.edges import canny_edges
 from diga3d_warp.priors.editing import edit_views
+from diga3d_warp.priors.guidance import Guidance
 from diga3d_warp.priors.protocol import DEPTH_SCALE, EDGES_SCALE, DiffusionPrior
 from diga3d_warp.priors.sampling import SamplingSettings
 from diga3d_warp.priors.views import ViewControl
 
 
 class DiffusionRepainter:
-    """A `Repainter` that asks a diffusion prior, under the prompts that it was made with.
+    """A `Repainter` that asks a diffusion prior, under whatever prompt.
 
     Shape and shading are kept in two ways: sampling starts from the inverted views, and follows their edges
     and their depth as far as the prior has ControlNets for these. That the views agree is up to attention
     propagation; unlike a material wrapped around the surface, nothing makes them agree to the pixel.
 
     Args:
-        prior: What repaints, by its `guidance`.
+        prior: What repaints.
+        guidance: The new look.
         settings: How to sample.
         say: Told time and memory before sampling starts.
         progress: As in `edit_views`.
@@ -33,6 +35,7 @@ class DiffusionRepainter:
     def __init__(
         self,
         prior: DiffusionPrior,
+        guidance: Guidance,
         settings: SamplingSettings | None = None,
         *,
         say: Callable[[str], None] | None = None,
@@ -40,6 +43,7 @@ class DiffusionRepainter:
     ) -> None:
         self.name = prior.name
         self.prior = prior
+        self.guidance = guidance
         self.settings = settings
         self.say = say
         self.progress = progress
@@ -57,7 +61,7 @@ class DiffusionRepainter:
             self.prior,
             images,
             masks,
-            self.prior.guidance,
+            self.guidance,
             self.settings,
             references=references,
             controls=[controls[kind] for kind in self.prior.control_kinds],

@@ -15,6 +15,7 @@ from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.distillation import DistillationSettings, TextureGeometryGuide
+from diga3d_warp.priors.guidance import Guidance
 from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.propagation.conditions import texture_geometry
 from diga3d_warp.propagation.references import References
@@ -29,6 +30,7 @@ def distil(
     masks: Sequence[np.ndarray],
     references: References,
     prior: DiffusionPrior,
+    guidance: Guidance,
     distillation: DistillationSettings,
     extent: float,
     settings: FitSettings,
@@ -43,7 +45,8 @@ def distil(
         targets: The edited views, with the depth of the edit.
         masks: Where each view was edited, shape (H, W), bool; only these pixels take the prior's gradient.
         references: Each view follows texture and depth of the reference of its cluster.
-        prior: What estimates noise, towards its own prompts.
+        prior: What estimates noise.
+        guidance: What the edit shall show.
         distillation: Strength and timesteps.
         extent: Of the scene [scene units].
         settings: Of the fit.
@@ -51,7 +54,7 @@ def distil(
     """
 
     def compute(folder: Path) -> None:
-        guided = _guided(source, targets, masks, references, prior, distillation, run.effects)
+        guided = _guided(source, targets, masks, references, prior, guidance, distillation, run.effects)
         result = fit(
             source, guided, extent, settings, effects=run.effects, seed=seed, held=held,
             checkpoint=folder / "checkpoint.pt", progress=True, label="distil",
@@ -63,7 +66,7 @@ def distil(
 
 def _guided(
     source: Gaussians, targets: Sequence[Target], masks: Sequence[np.ndarray], references: References,
-    prior: DiffusionPrior, distillation: DistillationSettings, effects: Effects,
+    prior: DiffusionPrior, guidance: Guidance, distillation: DistillationSettings, effects: Effects,
 ) -> list[Target]:  # fmt: skip
     """The targets, those with a mask under the guide of their cluster's reference."""
     with torch.no_grad():
@@ -82,6 +85,6 @@ def _guided(
             targets[j].color, depth, targets[j].camera, shown[i].color, shown[i].depth, mask, target.camera
         )
         followed = tuple(control for control in controls if control.kind in prior.control_kinds)
-        guide = TextureGeometryGuide(prior, mask, prior.guidance, followed, distillation)
+        guide = TextureGeometryGuide(prior, mask, guidance, followed, distillation)
         guided.append(replace(target, guide=guide))
     return guided

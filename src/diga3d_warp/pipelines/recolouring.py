@@ -107,18 +107,22 @@ def recolour(
         rest, thing = source.select(~rows), source.select(rows)
         fine = _split(thing, sights, split, seed)
         painted = _painted(rest.joined(fine), len(rest), sights, images, run.effects)
-        targets = [
-            Target(sight.camera, torch.from_numpy(to_bytes(image)), depth=torch.from_numpy(sight.depth))
-            for sight, image in zip(sights, images, strict=True)
-        ]
         held = torch.arange(len(painted)) < len(rest)
         result = fit(
-            painted, targets, extent, settings, effects=run.effects, seed=seed, held=held,
+            painted, targets_of(sights, images), extent, settings, effects=run.effects, seed=seed, held=held,
             checkpoint=folder / "checkpoint.pt", progress=True, label="refit",
         )  # fmt: skip
         stages.keep_fit(folder, result)
 
     return stages.fitted(run, "refit", compute)
+
+
+def targets_of(sights: Sequence[Sight], images: Sequence[np.ndarray]) -> list[Target]:
+    """What the gaussians are fitted to: the repainted views, with the depth of the object."""
+    return [
+        Target(sight.camera, torch.from_numpy(to_bytes(image)), depth=torch.from_numpy(sight.depth))
+        for sight, image in zip(sights, images, strict=True)
+    ]
 
 
 def _split(gaussians: Gaussians, sights: Sequence[Sight], settings: SplitSettings, seed: int) -> Gaussians:

@@ -181,8 +181,8 @@ def take_out(
     assert isinstance(prior, DiffusionPrior), "check_method refuses others"
     refined = fine.distil(
         run, edited, cleared.held(len(edited)), coarse.targets_of(views, fills),
-        [at.unseen for at in backgrounds], references, prior, method.distillation, scene.extent,
-        settings.distil, seed,
+        [at.unseen for at in backgrounds], references, prior, prior.guidance, method.distillation,
+        scene.extent, settings.distil, seed,
     )  # fmt: skip
     return TakenOut(refined, source, rows, scene, views, "distil")
 

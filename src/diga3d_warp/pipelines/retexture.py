@@ -1,4 +1,4 @@
-"""Give an object of a scene another material; its shape and the light on it stay.
+"""Give an object of a scene another look; its shape and the light on it stay.
 
 effects      what the scene calls for
 fit          the splat of the capture; photographs then take its exposure
@@ -7,29 +7,39 @@ look         the object in every view: its colours, its part of each pixel, its 
 references   K views by k-means on camera centres
 repaint      the object's new look in every view
 refit        the object's gaussians, cut finer, fitted to the repainted views
+distil       the look refined by score distillation, if a diffusion prior repainted
+
+The new look is a material of the built-in vocabulary, or anything that a diffusion prior can be told.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+
+import torch
 
 from diga3d_warp.config import ACCURACIES
 from diga3d_warp.effects.overrides import format_overrides
+from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.objects.diffusion_repaint import DiffusionRepainter
 from diga3d_warp.objects.picture import chosen_material
 from diga3d_warp.objects.repaint import MaterialRepainter, Repainter
-from diga3d_warp.pipelines import carrying, marking, recolouring, stages
+from diga3d_warp.pipelines import carrying, fine, marking, recolouring, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
+from diga3d_warp.pipelines.free_text import FreeText, check_built_in, reads_free_text, sampling_bar, say
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, read_marks
-from diga3d_warp.pipelines.method import CARRIED, Method
+from diga3d_warp.pipelines.method import CARRIED, Choices, Method
+from diga3d_warp.pipelines.remove import DISTIL
 from diga3d_warp.pipelines.run import Run
+from diga3d_warp.priors.named import load_prior
+from diga3d_warp.priors.protocol import ControlKind, DiffusionPrior
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene
 
@@ -48,23 +58,26 @@ and depth holds them."""
 
 @dataclass(frozen=True)
 class RetextureSettings:
-    """How an object is given another material.
+    """How an object is given another look.
 
     Attributes:
         fit: Fit of the capture.
         refit: Fit of the object's colours.
+        distil: Fit of the fine stage.
         split: How fine the object's gaussians are cut before.
         lift: When a gaussian belongs to the object.
         masking: How masks are widened.
-        method: How many references, and how they are chosen.
+        method: References, sampling and distillation; None for what suits the painter. Of the ways to
+            propagate a diffusion prior has "attention" and "none".
     """
 
     fit: FitSettings = field(default_factory=FitSettings)
     refit: FitSettings = RECOLOUR
+    distil: FitSettings = DISTIL
     split: recolouring.SplitSettings = field(default_factory=recolouring.SplitSettings)
     lift: LiftSettings = field(default_factory=LiftSettings)
     masking: stages.MaskSettings = field(default_factory=stages.MaskSettings)
-    method: Method = CARRIED
+    method: Method | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,81 +102,126 @@ def retexture(
     settings: RetextureSettings | None = None,
     *,
     exemplar: Path | None = None,
-    repainter: Repainter | None = None,
+    negative: str = "",
+    prior: DiffusionPrior | None = None,
     marks: Marks = OWN_MASKS,
     seed: int = 0,
     effects: Mapping[str, bool | int] | None = None,
 ) -> RetextureResult:
-    """Give the masked object the material that a prompt names.
+    """Give the masked object the look that a prompt names.
 
     Args:
         scene: With masks in at least one training view.
-        prompt: Such as "white marble".
+        prompt: Such as "white marble"; without a prior, a word of the built-in vocabulary.
         run: Where stages and results go; finished stages of an interrupted run are taken up.
         settings: How.
         exemplar: A picture of the material; the prompt is not read then.
-        repainter: What makes the new look; the built-in materials if None.
+        negative: What the prior shall go away from.
+        prior: What repaints the object from free text; the built-in materials if None.
         marks: Boxes or words that say where the object is; the scene's masks do if there are none.
         seed: Same scene, prompt, settings and seed: same bytes.
         effects: Effects on which the user insists, by name; the scene decides on the others.
 
     Raises:
         InputError: no view has a mask, the masks lift to nothing, there are fewer views than references, or
-            the prompt names no built-in material, or the picture is not usable.
+            the prompt names no built-in material, or none that the prior understands, or the picture is not
+            usable.
     """
     scene = marking.mark(run, scene, marks)
     settings = settings or RetextureSettings()
-    repainter = repainter or MaterialRepainter(chosen_material(prompt, exemplar))
-    stages.check_edit(scene, settings.method.references)
+    words = None if prior is None else FreeText.of(prior, prompt, negative, "retexture", settings.method)
+    method = words.method if words else settings.method or CARRIED
+    repainter = _repainter(words) if words else MaterialRepainter(chosen_material(prompt, exemplar))
+    stages.check_edit(scene, method.references)
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.even_exposure(run, scene)
     scene = carrying.carry_masks(run, scene, source, marks, settings.lift)
     rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
     sights = recolouring.look_at_object(run, views, source, rows)
-    references = stages.choose_references(run, views, settings.method, seed)
+    references = stages.choose_references(run, views, method, seed)
     images = recolouring.repaint(run, views, sights, references, repainter, seed)
     edited = recolouring.recolour(
         run, source, rows, sights, images, scene.extent, settings.refit, settings.split, seed
     )
+    last = "refit"
+    if words and method.distillation:
+        held = torch.arange(len(edited)) < int((~rows).sum())
+        edited = fine.distil(
+            run, edited, held, recolouring.targets_of(sights, images), [sight.touched for sight in sights],
+            references, words.prior, words.guidance, method.distillation, scene.extent, settings.distil, seed,
+        )  # fmt: skip
+        last = "distil"
     stages.show_views(run, scene, source, edited)
-    stages.finish(run, "refit")
+    stages.finish(run, last)
     return RetextureResult(edited, source, run)
+
+
+def _repainter(words: FreeText) -> Repainter:
+    bar = sampling_bar("repaint")
+    return DiffusionRepainter(words.prior, words.guidance, words.sampling, say=say, progress=bar)
 
 
 def retexture_command(
     scene: Path, prompt: str | None, exemplar: Path | None, out: Path, masks: Path | None,
     mask_boxes: Sequence[Sequence[str]], mask_prompt: str | None, mask_models: Path | None,
     image_scale: float, iterations: int | None, hold_out: int, seed: int, resume: bool,
-    effects: Mapping[str, bool | int], accuracy: str, references: int, selection: Literal["kmeans", "random"],
+    effects: Mapping[str, bool | int], accuracy: str, choices: Choices,
 ) -> Run:  # fmt: skip
-    """`diga3d retexture`: read the capture, change the object's material, measure, leave a run folder.
+    """`diga3d retexture`: read the capture, change the object's look, measure, leave a run folder.
 
     Raises:
         InputError: the input or the run folder is not usable.
     """
-    repainter = MaterialRepainter(chosen_material(prompt or "", exemplar))
+    prior = _prior(choices, prompt or "", exemplar)
+    method = replace(CARRIED, references=choices.references, selection=choices.selection)
+    if prior is not None:
+        method = choices.method(prior)
     marks = read_marks(masks, mask_boxes, mask_prompt, mask_models)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     settings = RetextureSettings(
         fit=fit_settings(capture, iterations, ACCURACIES[accuracy]),
         refit=replace(RECOLOUR, accuracy=ACCURACIES[accuracy]),
-        method=replace(CARRIED, references=references, selection=selection),
+        distil=replace(DISTIL, accuracy=ACCURACIES[accuracy]),
+        method=method,
     )
-    stages.check_edit(marking.glance(capture, marks), settings.method.references)
+    stages.check_edit(marking.glance(capture, marks), method.references)
     run = Run(
         out,
         "retexture",
         {
             "scene": scene, "prompt": prompt, "exemplar": exemplar, "masks": masks, **marks.settings(),
             "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
-            "iterations": settings.fit.iterations, "accuracy": accuracy,
-            "references": references, "selection": selection, "effects": format_overrides(effects),
+            "iterations": settings.fit.iterations, "accuracy": accuracy, "effects": format_overrides(effects),
+            **asdict(choices), **method.summary(),
         },
         resume=resume,
     )  # fmt: skip
     retexture(
-        capture, prompt or "", run, settings, repainter=repainter, marks=marks, seed=seed, effects=effects
-    )
+        capture, prompt or "", run, settings, exemplar=exemplar, negative=choices.negative, prior=prior,
+        marks=marks, seed=seed, effects=effects,
+    )  # fmt: skip
     conclude(run, capture)
     return run
+
+
+def _prior(choices: Choices, prompt: str, exemplar: Path | None) -> DiffusionPrior | None:
+    """What reads the prompt; None for the built-in materials.
+
+    Raises:
+        InputError: no such prior, weights are missing, it does not understand the prompt, or the picture is
+            not usable.
+    """
+    if reads_free_text(choices):
+        # The repainted views follow edges and depth, whether or not score distillation does later.
+        controls: tuple[ControlKind, ...] = ("edges", "depth")
+        prior = load_prior(
+            choices.prior, task="retexture", positive=prompt, negative=choices.negative, controls=controls
+        )
+        assert isinstance(prior, DiffusionPrior), "all that read free text are"
+        return prior
+    if choices.prior != "exemplar":
+        raise InputError(f"prior {choices.prior} has no materials: use exemplar, sd-inpainting or powerpaint")
+    chosen_material(prompt, exemplar)
+    check_built_in(choices)
+    return None

@@ -1,0 +1,108 @@
+"""Edits by free text: what a diffusion prior is told, and what a user sees while it samples."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.pipelines.method import PAPER, Choices, Method
+from diga3d_warp.priors.guidance import Guidance
+from diga3d_warp.priors.named import BUILT_IN
+from diga3d_warp.priors.protocol import DiffusionPrior, Task
+from diga3d_warp.priors.sampling import SamplingSettings
+
+
+@dataclass(frozen=True, eq=False)
+class FreeText:
+    """What a diffusion prior shall make of the object.
+
+    Attributes:
+        prior: What invents.
+        guidance: What shall be there, and what not.
+        method: How the views come to agree, and whether score distillation refines the edit.
+    """
+
+    prior: DiffusionPrior
+    guidance: Guidance
+    method: Method
+
+    @staticmethod
+    def of(
+        prior: DiffusionPrior, prompt: str, negative: str, task: Task, method: Method | None = None
+    ) -> FreeText:
+        """What a prompt asks of a prior.
+
+        Args:
+            prior: What invents.
+            prompt, negative: Tp and Tn, any text.
+            task: What the prompts are for.
+            method: The paper's if None.
+
+        Raises:
+            InputError: the prior does not understand a prompt, or the method carries the edit by warping.
+        """
+        method = method or PAPER
+        if method.propagation == "warp":
+            raise InputError(
+                "an edit by free text is not carried by depth, which it may change: "
+                "use --propagation attention or none"
+            )
+        return FreeText(prior, Guidance(prior.encode_prompts(prompt, negative, task)), method)
+
+    @property
+    def sampling(self) -> SamplingSettings:
+        """How views are sampled: without propagation, attention to the references weighs nothing."""
+        sampling = self.method.sampling
+        return sampling if self.method.propagation == "attention" else replace(sampling, afp_weight=0.0)
+
+
+def reads_free_text(choices: Choices) -> bool:
+    """Whether the chosen prior understands any prompt, not only the built-in words."""
+    return choices.prior not in BUILT_IN
+
+
+def check_built_in(choices: Choices) -> None:
+    """Refuse choices that nothing would read in an edit by the built-in words.
+
+    Raises:
+        InputError: one of them was made.
+    """
+    unread = [
+        option
+        for option, chosen in (
+            ("--negative", choices.negative),
+            ("--propagation", choices.propagation),
+            ("--tg-sds", choices.tg_sds),
+        )
+        if chosen
+    ]
+    if unread:
+        raise InputError(
+            f"{' and '.join(unread)}: the built-in materials are painted without it; "
+            "leave it out, or give --prior sd-inpainting, powerpaint or a folder"
+        )
+
+
+def say(line: str) -> None:
+    """A line on stderr, as `diga3d` writes them."""
+    print(f"diga3d: {line}", file=sys.stderr, flush=True)
+
+
+def sampling_bar(label: str) -> Callable[[int, int], None]:
+    """A bar on stderr, to be called after each timestep with how many are done and how many there are."""
+    from tqdm import tqdm
+
+    bar: tqdm | None = None
+
+    def progress(done: int, total: int) -> None:
+        nonlocal bar
+        if bar is None:
+            bar = tqdm(desc=label, unit="step", total=total, dynamic_ncols=True)
+        bar.update(done - bar.n)
+        if done == total:
+            bar.close()
+            bar = None
+
+    return progress

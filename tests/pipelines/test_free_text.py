@@ -1,0 +1,156 @@
+"""Edits by free text on a tiny room and a tiny checkpoint in the real format: random weights, real code.
+
+What appears is noise. What is held to is where it appears, that the rest stays, and that bytes repeat.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from tiny_removal import SETTINGS
+
+from diga3d_warp import cli
+from diga3d_warp.errors import InputError
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.pipelines.free_text import FreeText
+from diga3d_warp.pipelines.method import CARRIED, PAPER
+from diga3d_warp.pipelines.remove import DISTIL
+from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retexture
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.priors.named import load_prior
+from diga3d_warp.priors.sampling import SamplingSettings
+from tiny_diffusion import write_checkpoint
+
+SAMPLED = replace(PAPER, references=2, sampling=SamplingSettings(steps=2, batch=4))
+REPAINT = RetextureSettings(
+    fit=SETTINGS.fit,
+    refit=replace(RECOLOUR, iterations=30),
+    distil=replace(DISTIL, iterations=8),
+    method=SAMPLED,
+)
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory):
+    return write_checkpoint(tmp_path_factory.mktemp("checkpoint") / "sd")
+
+
+@pytest.fixture(scope="module")
+def prior(checkpoint):
+    return load_prior(str(checkpoint), controls=("edges", "depth"), device="cpu")
+
+
+def picture(run: Run, name: str) -> np.ndarray:
+    return cv2.imread(str(run.folder / name), cv2.IMREAD_COLOR_RGB).astype(np.float64) / 255.0
+
+
+def views_of(removed):
+    return [*removed.scene.views, *removed.scene.test_views]
+
+
+def stages_of(run: Run) -> list[str]:
+    return [stage["name"] for stage in json.loads((run.folder / "manifest.json").read_text())["stages"]]
+
+
+def begun(removed, folder, command: str, stages: tuple[str, ...]) -> Run:
+    """A run that takes stages of the removal up."""
+    run = Run(folder, command, {"seed": 0}, resume=True)
+    for stage in stages:
+        if not (folder / "stages" / stage).exists():
+            shutil.copytree(removed.folder / "stages" / stage, folder / "stages" / stage)
+    return run
+
+
+def check_changes(run: Run, removed) -> None:
+    """The object's pixels have changed, and the others are as good as before."""
+    for view in views_of(removed):
+        before, after = (picture(run, f"views/{side}/{view.name}.png") for side in ("before", "after"))
+        assert min(before.std(), after.std()) > 0.05, "not blank"
+        assert np.abs(after - before)[view.mask].mean() > 0.05
+        outside = picture(run, f"masks/{view.name}.png")[..., 0] < 0.5
+        photo = view.pixels / 255.0
+        errors = [((each - photo)[outside] ** 2).mean() for each in (before, after)]
+        assert 10 * np.log10(errors[1] / errors[0]) < 0.3
+
+
+def check_first_rows(gaussians: Gaussians, kept: Gaussians) -> None:
+    """The first gaussians are the kept ones, bit for bit, and there are more."""
+    assert len(gaussians) > len(kept) > 0
+    for (name, now), (_, then) in zip(gaussians.named(), kept.named(), strict=True):
+        assert torch.equal(now[: len(kept)], then), name
+
+
+def repainted(removed, folder, prior, prompt="a wooden vase", **options):
+    run = begun(removed, folder, "retexture", ("fit",))
+    return retexture(removed.scene, prompt, run, REPAINT, prior=prior, **options)
+
+
+@pytest.fixture(scope="module")
+def wooden(removed, prior, tmp_path_factory):
+    return repainted(removed, tmp_path_factory.mktemp("wooden") / "run", prior)
+
+
+def test_a_repainted_object_changes_and_nothing_else(wooden, removed):
+    assert stages_of(wooden.run) == [
+        "effects", "fit", "lift", "look", "references", "repaint", "refit", "distil", "views",
+    ]  # fmt: skip
+    check_changes(wooden.run, removed)
+    rows = np.load(wooden.run.folder / "stages" / "lift" / "object.npy")
+    check_first_rows(wooden.gaussians, wooden.source.select(torch.from_numpy(~rows)))
+
+
+def test_distillation_refines_the_repainted_object(wooden):
+    stages = wooden.run.folder / "stages"
+    coarse, fine = (Gaussians.load_ply(stages / name / "point_cloud.ply") for name in ("refit", "distil"))
+    assert len(coarse) == len(fine)
+    assert not torch.equal(coarse.sh, fine.sh)
+
+
+def test_a_repainting_resumes_with_the_same_bytes_and_tells_its_plan(wooden, removed, prior, tmp_path, capfd):
+    folder = tmp_path / "run"
+    shutil.copytree(wooden.run.folder, folder)
+    for stage in ("repaint", "refit", "distil"):
+        shutil.rmtree(folder / "stages" / stage)
+    again = repainted(removed, folder, prior)
+    told = capfd.readouterr().err
+    assert "views, 2 of them references, 2 steps" in told and "views on the host" in told
+    for name in ("point_cloud.ply", "source.ply"):
+        assert (folder / name).read_bytes() == (wooden.run.folder / name).read_bytes()
+    for view in removed.scene.views:
+        name = f"stages/repaint/{view.name}.png"
+        assert (folder / name).read_bytes() == (wooden.run.folder / name).read_bytes()
+    assert again.run.folder == folder
+
+
+def test_without_propagation_views_are_edited_alone(prior):
+    alone = FreeText.of(prior, "a vase", "", "retexture", replace(SAMPLED, propagation="none"))
+    together = FreeText.of(prior, "a vase", "", "retexture", SAMPLED)
+    assert (alone.sampling.afp_weight, together.sampling.afp_weight) == (0.0, 0.6)
+    with pytest.raises(InputError, match="not carried by depth"):
+        FreeText.of(prior, "a vase", "", "retexture", CARRIED)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--prompt", "gold", "--prior", "classical"], "classical has no materials"),
+        (["--prompt", "gold", "--negative", "a vase"], "--negative: the built-in materials"),
+        (["--prompt", "gold", "--tg-sds"], "--tg-sds: the built-in materials"),
+        (["--prompt", "kryptonite"], "for free text use --prior sd-inpainting"),
+        (["--prompt", "gold", "--prior", "nowhere"], "there is no prior or folder nowhere"),
+        (["--prompt", "", "--prior", "TINY"], "needs a prompt"),
+        (["--prompt", "x" * 10_000, "--prior", "TINY"], "shorten it"),
+    ],
+)
+def test_retextures_that_cannot_begin_leave_nothing(room, checkpoint, tmp_path, capfd, words, said):
+    words = [str(checkpoint) if word == "TINY" else word for word in words]
+    assert cli.main(["retexture", str(room), "--out", str(tmp_path / "run"), *words]) == 2
+    error = capfd.readouterr().err
+    assert said in error and error.count("\n") == 1
+    assert not (tmp_path / "run").exists()
