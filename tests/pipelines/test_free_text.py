@@ -21,6 +21,8 @@ from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines.free_text import FreeText
 from diga3d_warp.pipelines.method import CARRIED, PAPER
 from diga3d_warp.pipelines.remove import DISTIL
+from diga3d_warp.pipelines.replace import GROW, ReplaceSettings
+from diga3d_warp.pipelines.replace import replace as replace_object
 from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retexture
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.named import load_prior
@@ -134,6 +136,113 @@ def test_without_propagation_views_are_edited_alone(prior):
     assert (alone.sampling.afp_weight, together.sampling.afp_weight) == (0.0, 0.6)
     with pytest.raises(InputError, match="not carried by depth"):
         FreeText.of(prior, "a vase", "", "retexture", CARRIED)
+
+
+REMOVAL = ("effects", "fit", "lift", "clear", "look-behind", "references", "fill", "propagate", "refit")
+IMAGINE = ReplaceSettings(
+    removal=replace(SETTINGS, distil=replace(DISTIL, iterations=8), method=SAMPLED),
+    grow=replace(GROW, iterations=40),
+)
+
+
+def imagined(removed, folder, prior, settings=IMAGINE, **options):
+    run = begun(removed, folder, "replace", REMOVAL)
+    return replace_object(
+        removed.scene, "a wooden cube", run, settings, prior=prior, free_text=True, **options
+    )
+
+
+@pytest.fixture(scope="module")
+def cube(removed, prior, tmp_path_factory):
+    return imagined(removed, tmp_path_factory.mktemp("cube") / "run", prior)
+
+
+def test_an_imagined_object_appears_in_the_old_ones_place_only(cube, removed):
+    assert stages_of(cube.run) == [*REMOVAL, "look", "imagine", "measure", "grow", "distil", "views"]
+    check_changes(cube.run, removed)
+    stages = cube.run.folder / "stages"
+    cleared, grown = (Gaussians.load_ply(stages / name / "point_cloud.ply") for name in ("refit", "grow"))
+    check_first_rows(grown, cleared)
+    check_first_rows(cube.gaussians, cleared)
+    assert not torch.equal(cube.gaussians.sh, grown.sh), "refined"
+
+
+def test_the_coarse_images_differ_from_the_views_within_the_masks_only(cube, removed):
+    for view in removed.scene.views:
+        image = picture(cube.run, f"stages/imagine/{view.name}.png")
+        before = picture(cube.run, f"stages/look/{view.name}.png")
+        mask = picture(cube.run, f"masks/{view.name}.png")[..., 0] > 0.5
+        assert np.array_equal(image[~mask], before[~mask])
+        assert np.abs(image - before)[mask].mean() > 0.05 and image[mask].std() > 0.02
+
+
+def test_the_new_object_starts_on_the_old_ones_surface(cube, removed):
+    for view in removed.scene.views:
+        depth = np.load(cube.run.folder / "stages" / "measure" / f"{view.name}.npy")
+        with np.load(cube.run.folder / "stages" / "look" / f"{view.name}.npz") as look:
+            solid = look["share"] > 0.5
+            assert solid.any() and np.array_equal(depth[solid], look["depth"][solid])
+
+
+def test_an_imagining_resumes_with_the_same_bytes(cube, removed, prior, tmp_path, capfd):
+    folder = tmp_path / "run"
+    shutil.copytree(cube.run.folder, folder)
+    for stage in ("imagine", "grow", "distil"):
+        shutil.rmtree(folder / "stages" / stage)
+    imagined(removed, folder, prior)
+    assert "of them references, 2 steps" in capfd.readouterr().err
+    assert (folder / "point_cloud.ply").read_bytes() == (cube.run.folder / "point_cloud.ply").read_bytes()
+
+
+class Planar:
+    """Estimates the depth of a slanted plane, or nonsense."""
+
+    def __init__(self, sense=1.0):
+        self.sense = sense
+
+    def disparity(self, image):
+        return self.sense * torch.linspace(0.2, 0.9, len(image))[:, None].expand(image.shape[:2])
+
+
+def test_estimated_depth_is_aligned_and_nonsense_left_out(cube, removed, prior, tmp_path):
+    """The floor is nearer below: a plane that is, too, can be aligned to it, and one that is not cannot."""
+    settings = replace(
+        IMAGINE,
+        removal=replace(IMAGINE.removal, method=replace(SAMPLED, distillation=None)),
+        grow=replace(GROW, iterations=2),
+    )
+    measured = []
+    for sense in (1.0, -1.0):
+        folder = tmp_path / f"run{sense}"
+        shutil.copytree(cube.run.folder, folder)
+        for stage in ("measure", "grow", "distil"):
+            shutil.rmtree(folder / "stages" / stage)
+        result = imagined(removed, folder, prior, settings, estimator=Planar(sense))
+        measured.append(json.loads((folder / "stages" / "measure" / "measured.json").read_text())["measured"])
+        notes = json.loads((folder / "manifest.json").read_text())["notes"]
+        assert sum("stands in" in note for note in notes) == measured[-1].count(False)
+        assert stages_of(result.run)[-2:] == ["grow", "views"], "without distillation"
+    assert all(measured[0]) and not any(measured[1])
+    depth = np.load(tmp_path / "run1.0" / "stages" / "measure" / f"{removed.scene.views[0].name}.npy")
+    assert np.isfinite(depth).all() and (depth > 0).all()
+    assert np.allclose(depth[:, 0], depth[:, -1]) and (np.diff(depth[:, 0]) < 0).all(), "the plane"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--prompt", "a teapot on stilts"], "for free text use --prior sd-inpainting"),
+        (["--prompt", "", "--prior", "TINY"], "needs a prompt"),
+        (["--prompt", "x" * 10_000, "--prior", "TINY"], "shorten it"),
+        (["--prompt", "a cube", "--prior", "TINY", "--propagation", "warp"], "not carried by depth"),
+    ],
+)
+def test_replacements_that_cannot_begin_leave_nothing(room, checkpoint, tmp_path, capfd, words, said):
+    words = [str(checkpoint) if word == "TINY" else word for word in words]
+    assert cli.main(["replace", str(room), "--out", str(tmp_path / "run"), *words]) == 2
+    error = capfd.readouterr().err
+    assert said in error and error.count("\n") == 1
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(

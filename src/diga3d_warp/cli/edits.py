@@ -56,7 +56,11 @@ def add_edits(commands: Commands) -> None:
     add_run_options(replace)
     add_marks(replace)
     new = replace.add_mutually_exclusive_group(required=True)
-    new.add_argument("--prompt", metavar="TEXT", help='a built-in solid in a material: "a wooden cube"')
+    new.add_argument(
+        "--prompt",
+        metavar="TEXT",
+        help='a built-in solid in a material, "a wooden cube", or any text with a Stable Diffusion --prior',
+    )
     new.add_argument(
         "--asset", type=Path, metavar="FILE", help="a mesh (.glb, .obj, .ply, .stl) or a splat .ply"
     )

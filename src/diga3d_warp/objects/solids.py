@@ -96,7 +96,8 @@ def solid_of(prompt: str, seed: int, exemplar: Path | None = None) -> MeshAsset:
     if name is None:
         shown = prompt if len(prompt) <= 60 else prompt[:57] + "..."
         raise InputError(
-            f"the prompt {shown!r} names no built-in solid: use one of {', '.join(SOLIDS)}, or --asset FILE"
+            f"the prompt {shown!r} names no built-in solid: use one of {', '.join(SOLIDS)}, or --asset FILE; "
+            "for free text use --prior sd-inpainting or --prior powerpaint"
         )
     texture = chosen_material(prompt, exemplar).exemplar(TEXTURE, seed).astype(np.float64)
     frame = Frame(np.zeros(3), np.eye(3), np.ones(3))

@@ -115,6 +115,20 @@ class DepthEstimator:
         model = load_model(DPTForDepthEstimation, locate(DPT, folder))
         return DepthEstimator(model.to(device), int(model.config.image_size))
 
+    @staticmethod
+    def if_downloaded() -> DepthEstimator | None:
+        """DPT-Large, or None where the Hugging Face cache does not hold it.
+
+        Raises:
+            InputError: the libraries are missing, or the weights are broken.
+        """
+        require_diffusion()
+        try:
+            locate(DPT)
+        except InputError:
+            return None
+        return DepthEstimator.load()
+
     @torch.no_grad()
     def disparity(self, image: torch.Tensor) -> torch.Tensor:
         """Inverse depth up to scale and shift, larger is nearer.

@@ -10,7 +10,7 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.pipelines.method import PAPER, Choices, Method
 from diga3d_warp.priors.guidance import Guidance
 from diga3d_warp.priors.named import BUILT_IN
-from diga3d_warp.priors.protocol import DiffusionPrior, Task
+from diga3d_warp.priors.protocol import DiffusionPrior, Prior, Task
 from diga3d_warp.priors.sampling import SamplingSettings
 
 
@@ -29,9 +29,7 @@ class FreeText:
     method: Method
 
     @staticmethod
-    def of(
-        prior: DiffusionPrior, prompt: str, negative: str, task: Task, method: Method | None = None
-    ) -> FreeText:
+    def of(prior: Prior, prompt: str, negative: str, task: Task, method: Method | None = None) -> FreeText:
         """What a prompt asks of a prior.
 
         Args:
@@ -43,6 +41,8 @@ class FreeText:
         Raises:
             InputError: the prior does not understand a prompt, or the method carries the edit by warping.
         """
+        if not isinstance(prior, DiffusionPrior):
+            raise InputError(f"prior {prior.name} reads no prompts: use sd-inpainting or powerpaint")
         method = method or PAPER
         if method.propagation == "warp":
             raise InputError(

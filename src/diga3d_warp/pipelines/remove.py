@@ -34,6 +34,7 @@ from diga3d_warp.pipelines.method import Choices, Method, check_method, usual_me
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
+from diga3d_warp.propagation.references import References
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene, View
 
@@ -148,6 +149,7 @@ class TakenOut:
         rows: Which gaussians of the source were the object's, shape (N,), bool.
         scene: The capture, with the cameras and masks in use.
         views: Its training views with widened masks.
+        references: Which of them stand for all.
         stage: The stage that made `gaussians`.
     """
 
@@ -156,6 +158,7 @@ class TakenOut:
     rows: torch.Tensor
     scene: Scene
     views: list[View]
+    references: References
     stage: str
 
 
@@ -177,14 +180,14 @@ def take_out(
     fills = coarse.propagate(run, cleared.views, backgrounds, depths, fills, references, prior, method, seed)
     edited = coarse.refit(run, cleared, fills, scene.extent, settings.refit, seed)
     if method.distillation is None:
-        return TakenOut(edited, source, rows, scene, views, "refit")
+        return TakenOut(edited, source, rows, scene, views, references, "refit")
     assert isinstance(prior, DiffusionPrior), "check_method refuses others"
     refined = fine.distil(
         run, edited, cleared.held(len(edited)), coarse.targets_of(views, fills),
         [at.unseen for at in backgrounds], references, prior, prior.guidance, method.distillation,
         scene.extent, settings.distil, seed,
     )  # fmt: skip
-    return TakenOut(refined, source, rows, scene, views, "distil")
+    return TakenOut(refined, source, rows, scene, views, references, "distil")
 
 
 def remove_command(

@@ -2,8 +2,18 @@
 
 fit ... distil  the old object taken out, as in `remove`
 look            the old object in every view: its surface tells place, size and light
-place           the new object on the support, with its shadow, drawn into every view
-settle          new object and shaded floor fitted to those views
+
+The new object is an asset or a built-in solid:
+
+place           it stands on the support, with its shadow, drawn into every view
+settle          it and the shaded floor are fitted to those views
+
+or whatever a diffusion prior can be told; the hole behind it is then not refined:
+
+imagine         it appears in the references one after another, then in all other views
+measure         its depth, estimated and aligned to the scene
+grow            gaussians on that depth, fitted to the imagined views
+distil          refined by score distillation
 """
 
 from __future__ import annotations
@@ -12,6 +22,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from dataclasses import replace as with_changes
 from pathlib import Path
+
+import torch
 
 from diga3d_warp.config import ACCURACIES
 from diga3d_warp.effects.overrides import format_overrides
@@ -22,11 +34,14 @@ from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.objects.asset import Asset, read_asset
 from diga3d_warp.objects.solids import solid_of
-from diga3d_warp.pipelines import marking, placing, recolouring, stages
+from diga3d_warp.objects.surface import Sight
+from diga3d_warp.perception.depth import DPT, DepthEstimator
+from diga3d_warp.pipelines import fine, imagining, marking, placing, recolouring, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
+from diga3d_warp.pipelines.free_text import FreeText, reads_free_text
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, read_marks
 from diga3d_warp.pipelines.method import Choices
-from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings, take_out
+from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings, TakenOut, take_out
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.protocol import Prior
@@ -42,7 +57,10 @@ SETTLE = FitSettings(
     rates=LearningRates(means=5e-5, log_scales=5e-3, quaternions=1e-3, opacity_logits=1e-2, sh_dc=5e-3),
     density=DensitySettings(begin=0.1, end=0.6),
 )
-"""The fit of the new object: its gaussians lie on its surface already and only grow together."""
+"""The fit of a placed object: its gaussians lie on its surface already and only grow together."""
+
+GROW = with_changes(REFIT, iterations=1200)
+"""The fit of an imagined object: its surface is a first guess, so it takes what edits take in the field."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +70,14 @@ class ReplaceSettings:
     Attributes:
         removal: How the old one is taken out.
         placing: How the new one meets the scene.
-        settle: Fit of the new one.
+        settle: Fit of the new one, if it is placed.
+        grow: Fit of the new one, if it is imagined; `removal` says how that is sampled and refined.
     """
 
     removal: RemoveSettings = field(default_factory=RemoveSettings)
     placing: placing.PlacingSettings = field(default_factory=placing.PlacingSettings)
     settle: FitSettings = SETTLE
+    grow: FitSettings = GROW
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +103,9 @@ def replace(
     *,
     asset: Asset | None = None,
     prior: Prior | None = None,
+    free_text: bool = False,
+    negative: str = "",
+    estimator: DepthEstimator | None = None,
     marks: Marks = OWN_MASKS,
     seed: int = 0,
     effects: Mapping[str, bool | int] | None = None,
@@ -91,32 +114,74 @@ def replace(
 
     Args:
         scene: With masks in at least one training view.
-        prompt: A built-in solid and material, such as "a wooden cube"; not read if an asset is given.
+        prompt: A built-in solid and material, such as "a wooden cube", or free text; not read if an asset is
+            given.
         run: Where stages and results go; finished stages of an interrupted run are taken up.
         settings: How.
         asset: The new object, from `objects.asset.read_asset`.
         prior: What invents the part that no view saw behind the old one; `ExemplarPrior` if None.
+        free_text: Whether the prior invents the new object, too, from whatever the prompt says.
+        negative: What it shall then go away from.
+        estimator: What then estimates its depth; if None, its gaussians start on the old object's surface.
         marks: Boxes or words that say where the object is; the scene's masks do if there are none.
         seed: Same scene, prompt, asset, settings and seed: same bytes.
         effects: Effects on which the user insists, by name; the scene decides on the others.
 
     Raises:
         InputError: no view has a mask, the masks lift to nothing, there are fewer views than references, or
-            the prompt names no built-in solid and material.
+            the prompt names no built-in solid and material, or nothing that the prior understands.
     """
     settings = settings or ReplaceSettings()
     prior = prior or ExemplarPrior()
-    asset = asset or solid_of(prompt, seed)
+    removal, words = settings.removal, None
+    method = removal.method_for(prior)
+    if asset is None and free_text:
+        words = FreeText.of(prior, prompt, negative, "replace", method)
+        removal = with_changes(removal, method=with_changes(method, distillation=None))
+    elif asset is None:
+        asset = solid_of(prompt, seed)
     scene = marking.mark(run, scene, marks)
-    stages.check_edit(scene, settings.removal.method_for(prior).references)
-    taken = take_out(scene, run, settings.removal, prior, marks, seed, effects)
+    stages.check_edit(scene, method.references)
+    taken = take_out(scene, run, removal, prior, marks, seed, effects)
     sights = recolouring.look_at_object(run, taken.views, taken.source, taken.rows)
+    if asset is not None:
+        edited = _placed(run, taken, sights, asset, settings, seed)
+        made = "settle", "place"
+    else:
+        assert words is not None
+        edited = _imagined(run, taken, sights, words, estimator, settings, seed)
+        made = "distil" if method.distillation else "grow", stages.LIFT
+    stages.show_views(run, taken.scene, taken.source, edited)
+    stages.finish(run, *made)
+    return ReplaceResult(edited, taken.source, run)
+
+
+def _placed(
+    run: Run, taken: TakenOut, sights: Sequence[Sight], asset: Asset, settings: ReplaceSettings, seed: int
+) -> Gaussians:
+    """The scene with an asset in the old object's place."""
     others = stages.with_lifted_masks(run, taken.scene.test_views)
     staged = placing.place_object(run, taken.views, others, sights, taken.gaussians, asset, settings.placing)
-    edited = placing.settle(run, staged, scene.extent, settings.settle, seed)
-    stages.show_views(run, taken.scene, taken.source, edited)
-    stages.finish(run, "settle", masks="place")
-    return ReplaceResult(edited, taken.source, run)
+    return placing.settle(run, staged, taken.scene.extent, settings.settle, seed)
+
+
+def _imagined(
+    run: Run, taken: TakenOut, sights: Sequence[Sight], words: FreeText, estimator: DepthEstimator | None,
+    settings: ReplaceSettings, seed: int,
+) -> Gaussians:  # fmt: skip
+    """The scene with what a prior imagines in the old object's place."""
+    extent, references = taken.scene.extent, taken.references
+    images = imagining.imagine(run, taken.views, sights, references, words)
+    imagined = imagining.measure(run, taken.views, sights, images, taken.gaussians, estimator)
+    grown = imagining.grow(run, taken.gaussians, imagined, references, extent, settings.grow, seed)
+    if words.method.distillation is None:
+        return grown
+    held = torch.arange(len(grown)) < len(taken.gaussians)
+    return fine.distil(
+        run, grown, held, [each.target for each in imagined], [stages.mask_of(view) for view in taken.views],
+        references, words.prior, words.guidance, words.method.distillation, extent, settings.removal.distil,
+        seed,
+    )  # fmt: skip
 
 
 def replace_command(
@@ -130,11 +195,22 @@ def replace_command(
     Raises:
         InputError: the input or the run folder is not usable.
     """
-    if asset is not None and exemplar is not None:
-        raise InputError("--exemplar is the material of a built-in solid: give --prompt instead of --asset")
-    new = read_asset(asset) if asset is not None else solid_of(prompt or "", seed, exemplar)
-    prior = choices.load("remove")
+    free_text = asset is None and reads_free_text(choices)
+    if exemplar is not None and (asset is not None or free_text):
+        raise InputError(
+            "--exemplar is the material of a built-in solid: give --prompt with --prior exemplar or classical"
+        )
+    new = estimator = None
+    if asset is not None:
+        new = read_asset(asset)
+    elif not free_text:
+        new = solid_of(prompt or "", seed, exemplar)
+    # The negative prompt of free text is the new object's, not that of the hole behind it.
+    prior = (with_changes(choices, negative="") if free_text else choices).load("remove")
     method = choices.method(prior)
+    if free_text:
+        FreeText.of(prior, prompt or "", choices.negative, "replace", method)  # refuses before a long fit
+        estimator = DepthEstimator.if_downloaded()
     marks = read_marks(masks, mask_boxes, mask_prompt, mask_models)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     removal = RemoveSettings(
@@ -143,7 +219,11 @@ def replace_command(
         distil=with_changes(DISTIL, accuracy=ACCURACIES[accuracy]),
         method=method,
     )
-    settings = ReplaceSettings(removal, settle=with_changes(SETTLE, accuracy=ACCURACIES[accuracy]))
+    settings = ReplaceSettings(
+        removal,
+        settle=with_changes(SETTLE, accuracy=ACCURACIES[accuracy]),
+        grow=with_changes(GROW, accuracy=ACCURACIES[accuracy]),
+    )
     stages.check_edit(marking.glance(capture, marks), method.references)
     run = Run(
         out,
@@ -152,13 +232,16 @@ def replace_command(
             "scene": scene, "prompt": prompt, "exemplar": exemplar, "asset": asset, "masks": masks,
             **marks.settings(), "image_scale": image_scale, "hold_out": hold_out,
             "seed": seed, "iterations": removal.fit.iterations, "accuracy": accuracy,
-            "effects": format_overrides(effects), **asdict(choices), **method.summary(),
+            "effects": format_overrides(effects), "depth_estimated": estimator is not None,
+            **asdict(choices), **method.summary(),
         },
         resume=resume,
     )  # fmt: skip
+    if free_text and estimator is None:
+        run.note(f"the new object starts on the old one's surface; to estimate its depth: {DPT.command}")
     replace(
-        capture, prompt or "", run, settings, asset=new, prior=prior, marks=marks, seed=seed,
-        effects=effects,
+        capture, prompt or "", run, settings, asset=new, prior=prior, free_text=free_text,
+        negative=choices.negative, estimator=estimator, marks=marks, seed=seed, effects=effects,
     )  # fmt: skip
     conclude(run, capture)
     return run

@@ -1,0 +1,156 @@
+"""Stages of replace by free text: the new object imagined in every view, its depth, and the fit to both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.files import read_json, to_bytes, write_image, write_json
+from diga3d_warp.gaussians.fit import FitSettings, Target, fit
+from diga3d_warp.gaussians.initialise import from_image
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.objects.surface import Sight
+from diga3d_warp.perception.depth import DepthEstimator, align_disparity
+from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines.coarse import SEEDS_PER_REFERENCE
+from diga3d_warp.pipelines.free_text import FreeText, sampling_bar, say
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.priors.editing import edit_views
+from diga3d_warp.propagation.references import References
+from diga3d_warp.scene.scene import View
+from diga3d_warp.splatting.render import render
+
+MEASURED = "measured.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Imagined:
+    """A view with the new object in it.
+
+    Attributes:
+        view: Camera, and the widened mask of the old object, where the new one is.
+        image: RGB in [0, 1], shape (H, W, 3), float32.
+        depth: First guess of z [scene units], shape (H, W), float32; 0 where there is none.
+        measured: Whether the depth was estimated from the image. If not, it is that of the old object.
+    """
+
+    view: View
+    image: np.ndarray
+    depth: np.ndarray
+    measured: bool
+
+    @property
+    def target(self) -> Target:
+        """What the gaussians should look like. Only measured depth says anything of the new object."""
+        depth = torch.from_numpy(self.depth) if self.measured else None
+        image = torch.from_numpy(to_bytes(self.image))
+        return Target(self.view.camera, image, depth=depth, relative_depth=self.measured)
+
+
+def imagine(
+    run: Run, views: Sequence[View], sights: Sequence[Sight], references: References, words: FreeText
+) -> list[np.ndarray]:
+    """The coarse images: every view with the new object where the old one's mask is (paper Sec. 3.2).
+
+    Sampling starts from the inverted views with the old object, so the new one takes over its pose and light.
+    It follows no edges and no depth: they would be the old object's.
+    """
+
+    def compute(folder: Path) -> None:
+        images = edit_views(
+            words.prior,
+            [torch.from_numpy(sight.image) for sight in sights],
+            [torch.from_numpy(stages.mask_of(view)) for view in views],
+            words.guidance,
+            words.sampling,
+            references=references.indices,
+            say=say,
+            progress=sampling_bar("imagine"),
+        )
+        for view, image in zip(views, images, strict=True):
+            write_image(folder / f"{view.name}.png", image.numpy())
+
+    folder = run.stage("imagine", compute)
+    return [stages.read_picture(folder / f"{view.name}.png") for view in views]
+
+
+def measure(
+    run: Run,
+    views: Sequence[View],
+    sights: Sequence[Sight],
+    images: Sequence[np.ndarray],
+    cleared: Gaussians,
+    estimator: DepthEstimator | None,
+) -> list[Imagined]:
+    """Depth of the coarse images: estimated and aligned to the scene around (paper Sec. 3.4).
+
+    Without an estimator, or where its estimate contradicts the scene, the old object's depth is the first
+    guess, and no depth is asked of the new one.
+    """
+
+    def compute(folder: Path) -> None:
+        measured = []
+        for view, sight, image in zip(views, sights, images, strict=True):
+            with torch.no_grad():
+                behind = render(cleared, view.camera, effects=replace(run.effects, depth=True)).depth
+            depth = None if estimator is None else _estimated(run, view, image, behind, estimator)
+            measured.append(depth is not None)
+            if depth is None:
+                depth = np.where(sight.mask, sight.depth, behind.numpy())
+            np.save(folder / f"{view.name}.npy", depth.astype(np.float32))
+        write_json(folder / MEASURED, {"measured": measured})
+
+    folder = run.stage("measure", compute)
+    measured = read_json(folder / MEASURED, "run again")["measured"]
+    return [
+        Imagined(view, image, np.load(folder / f"{view.name}.npy"), known)
+        for view, image, known in zip(views, images, measured, strict=True)
+    ]
+
+
+def grow(
+    run: Run,
+    cleared: Gaussians,
+    imagined: Sequence[Imagined],
+    references: References,
+    extent: float,
+    settings: FitSettings,
+    seed: int,
+) -> Gaussians:
+    """Gaussians where the references show the new object, fitted to all views; the scene keeps its values."""
+
+    def compute(folder: Path) -> None:
+        start, coefficients = cleared, cleared.sh.shape[1]
+        for each in (imagined[index] for index in references.indices):
+            mask = stages.mask_of(each.view)
+            if mask.any():
+                added = from_image(
+                    each.image, each.depth, mask, each.view.camera, coefficients, SEEDS_PER_REFERENCE
+                )
+                start = start.joined(added)
+        result = fit(
+            start, [each.target for each in imagined], extent, settings, effects=run.effects, seed=seed,
+            held=torch.arange(len(start)) < len(cleared), checkpoint=folder / "checkpoint.pt", progress=True,
+            label="grow",
+        )  # fmt: skip
+        stages.keep_fit(folder, result)
+
+    return stages.fitted(run, "grow", compute)
+
+
+def _estimated(
+    run: Run, view: View, image: np.ndarray, behind: torch.Tensor, estimator: DepthEstimator
+) -> np.ndarray | None:
+    """z of a coarse image [scene units], shape (H, W), or None where the estimate is of no use."""
+    disparity = estimator.disparity(torch.from_numpy(image))
+    around = torch.from_numpy(~stages.mask_of(view))
+    try:
+        return align_disparity(disparity, behind, around).depth(disparity).numpy()
+    except InputError as error:
+        run.note(f"{view.name}: {error}; the old object's depth stands in")
+        return None
