@@ -14,6 +14,9 @@ from diga3d_warp.errors import InputError
 PICKLES = ("*.bin", "*.ckpt", "*.pt", "*.pth", "*.pkl")
 """Forms of weights that run code when they are read."""
 
+TOKENIZERS = ("tokenizer.json", "vocab.json", "vocab.txt")
+"""Files that hold the words of a tokenizer. Without any, transformers makes one that knows no word."""
+
 
 @dataclass(frozen=True)
 class Checkpoint:
@@ -123,6 +126,25 @@ def load_model(model_class: Any, folder: Path) -> Any:
     if missing:
         raise InputError(f"{folder} lacks {len(missing)} parameters ({missing[0]}, ...): download it again")
     return model.float().eval().requires_grad_(False)
+
+
+def load_tokenizer(tokenizer_class: Any, folder: Path) -> Any:
+    """A tokenizer of transformers from its folder.
+
+    Args:
+        tokenizer_class: Class with `from_pretrained`.
+        folder: Holds its words.
+
+    Raises:
+        InputError: its words are missing or broken.
+    """
+    if not any((folder / name).is_file() for name in TOKENIZERS):
+        raise InputError(f"{folder} holds no tokenizer ({TOKENIZERS[0]}): download it again")
+    _quiet()
+    try:
+        return tokenizer_class.from_pretrained(folder, local_files_only=True)
+    except Exception as error:  # the library of tokenizers raises nothing narrower
+        raise InputError(f"the tokenizer in {folder} cannot be read: download it again") from error
 
 
 def _variant(folder: Path) -> str | None:

@@ -12,14 +12,18 @@ from typing import Any
 import torch
 import torch.nn.functional as F
 
-from diga3d_warp.checkpoints import Checkpoint, best_device, load_model, locate, require_diffusion
+from diga3d_warp.checkpoints import (
+    Checkpoint,
+    best_device,
+    load_model,
+    load_tokenizer,
+    locate,
+    require_diffusion,
+)
 from diga3d_warp.errors import InputError
 
 DETECTOR = Checkpoint("IDEA-Research/grounding-dino-tiny", 0.7)
 CUTTER = Checkpoint("facebook/sam-vit-base", 0.4)
-
-TOKENIZERS = ("tokenizer.json", "vocab.txt")
-"""Forms of a BERT tokenizer's words. Without any, transformers makes a tokenizer that knows no word."""
 
 MEAN = (0.485, 0.456, 0.406)
 STD = (0.229, 0.224, 0.225)
@@ -116,12 +120,7 @@ class TextSegmenter:
 
         folder = locate(DETECTOR, detector)
         found = load_model(GroundingDinoForObjectDetection, folder).to(device)
-        if not any((folder / name).is_file() for name in TOKENIZERS):
-            raise InputError(f"{folder} lacks its tokenizer ({TOKENIZERS[0]}): download it again")
-        try:
-            tokenizer = AutoTokenizer.from_pretrained(folder, local_files_only=True)
-        except (OSError, ValueError, TypeError) as error:
-            raise InputError(f"the tokenizer in {folder} cannot be read: download it again") from error
+        tokenizer = load_tokenizer(AutoTokenizer, folder)
         cut = load_model(SamModel, locate(CUTTER, cutter)).to(device)
         return TextSegmenter(found, tokenizer, cut, settings)
 

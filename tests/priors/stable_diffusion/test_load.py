@@ -81,6 +81,17 @@ def test_a_missing_part_is_named(copy, part):
     assert str(copy / part) in line(copy)
 
 
+@pytest.mark.parametrize("words", [None, "", "{}", "{"])
+def test_a_tokenizer_without_words(copy, words):
+    """Transformers would make one that knows no word, and every prompt would be the same."""
+    file = copy / "tokenizer" / "tokenizer.json"
+    file.unlink()
+    if words is not None:
+        file.write_text(words)
+    said = "holds no tokenizer (tokenizer.json)" if words is None else "cannot be read: download it again"
+    assert f"{copy / 'tokenizer'} {said}" in line(copy)
+
+
 def test_missing_weights_are_named(copy):
     (copy / "vae" / "diffusion_pytorch_model.safetensors").unlink()
     assert f"{copy / 'vae'} holds no .safetensors file" in line(copy)

@@ -9,7 +9,14 @@ from typing import Any
 
 import torch
 
-from diga3d_warp.checkpoints import Checkpoint, best_device, load_model, locate, require_diffusion
+from diga3d_warp.checkpoints import (
+    Checkpoint,
+    best_device,
+    load_model,
+    load_tokenizer,
+    locate,
+    require_diffusion,
+)
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.protocol import ControlKind, Task
 from diga3d_warp.priors.sampling import SamplingSettings
@@ -147,11 +154,7 @@ def _load_text(folder: Path) -> tuple[Any, Any]:
     from transformers import CLIPTextModel, CLIPTokenizer
 
     model = load_model(CLIPTextModel, folder / "text_encoder")
-    try:
-        tokenizer = CLIPTokenizer.from_pretrained(folder / "tokenizer", local_files_only=True)
-    except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"{folder / 'tokenizer'} cannot be read: download it again") from error
-    return tokenizer, model
+    return load_tokenizer(CLIPTokenizer, folder / "tokenizer"), model
 
 
 def _vae_class(folder: Path) -> Any:
