@@ -129,7 +129,7 @@ CASES = (
         (
             Guard(PROJECTION, "det = area + low_pass * (aa + bb) + low_pass * low_pass",
                 "det = (aa + low_pass) * (bb + low_pass) - ab * ab",
-                GEOMETRY + "test_a_needle_has_a_conic_as_good_as_in_float64"),
+                GEOMETRY + "test_a_needle_has_a_root_as_good_as_in_float64"),
         ),
         ("Splatting.low_pass",),
     ),
@@ -255,20 +255,22 @@ CASES = (
     ),
     HardCase(
         "The exponent of a long needle",
-        "Its terms cancel, and rounding may leave it above 0: clamped there, and below where alpha is "
-        "skipped.",
+        "A sum of two squares, from the Cholesky root of the inverse covariance: never above 0, and its "
+        "rounding grows with the length of a needle, not with its square. Clamped where alpha is skipped.",
         (
-            Guard(BLEND, "x = wp.where(power < real(0.0), power, real(0.0))", "x = power",
-                BLENDING + "test_a_long_needle_does_not_flash_where_its_exponent_cancels"),
-            Guard(BLEND, "x = wp.where(x > real(wp.static(-reach)), x, real(wp.static(-reach)))", "x = x",
+            Guard(BLEND, "falloff(-(u * u + v * v))",
+                "falloff(-(root[0] * root[0] * dx + real(2.0) * root[0] * root[1] * dy) * dx - "
+                "(root[1] * root[1] + root[2] * root[2]) * dy * dy)",
+                "hard_cases/test_rounding.py::test_needles_across_an_image"),
+            Guard(BLEND, "x = wp.where(x > real(wp.static(-lowest)), x, real(wp.static(-lowest)))", "x = x",
                 FLOAT64 + "[cpu-needles]"),
         ),
     ),
     HardCase(
-        "Off-diagonal of the conic",
-        "The quadratic form holds it twice, and so does its gradient.",
+        "Off-diagonal of the root",
+        "An offset along y moves both parts of the exponent, and so does the gradient of the centre.",
         (
-            Guard(ADJOINT, "row[3] = -total(sum_xy)", "row[3] = real(-0.5) * total(sum_xy)",
+            Guard(ADJOINT, "row[1] = root[1] * g_u + root[2] * g_v", "row[1] = root[2] * g_v",
                 "kernels/test_compositing.py::test_values_and_gradients_agree_with_float64"),
         ),
     ),

@@ -95,12 +95,11 @@ def check(
 
 def strongest_alpha(projection: Projection, height: int, width: int) -> torch.Tensor:
     """Largest alpha of each gaussian at any pixel centre, or a rounding error above it, shape (N,)."""
-    xx, xy, yy = projection.conics.detach().double()[:, None, None].unbind(-1)
+    l11, l21, l22 = projection.roots.detach().double()[:, None, None].unbind(-1)
     center = projection.centers.detach().double()[:, None, None]
     dx = center[..., 0] - (torch.arange(width) + 0.5)
     dy = center[..., 1] - (torch.arange(height)[:, None] + 0.5)
-    power = 0.5 * xx * dx**2 + xy * dx * dy + 0.5 * yy * dy**2
-    size = 0.5 * xx * dx**2 + (xy * dx * dy).abs() + 0.5 * yy * dy**2
-    rounding = 1e-6 * size  # of float32; on long needles the terms cancel
-    strongest = (rounding - power).clamp_max(0.0).flatten(1).amax(1)
+    rounding = 1e-6 * ((l11 * dx).abs() + (l21 * dy).abs())  # of float32; on long needles the terms cancel
+    u = ((l11 * dx + l21 * dy).abs() - rounding).clamp_min(0.0)
+    strongest = -0.5 * (u**2 + (1 - 1e-6) * (l22 * dy) ** 2).flatten(1).amin(1)
     return projection.opacities.detach().double() * strongest.exp()

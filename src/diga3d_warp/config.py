@@ -81,7 +81,7 @@ class Accuracy:
     Attributes:
         alpha_min: Contributions below are skipped, and boxes end where alpha falls below it. 3DGS: 1/255.
         transmittance_min: A pixel is finished before its transmittance falls below. 3DGS: 1e-4.
-        exp_degree: Degree of the polynomial that stands for exp.
+        exp_degree: Degree of the polynomial that stands for exp. At 5 its error, 7e-7, is that of float32.
         extent: Box of a splat: that of the ellipse on which alpha reaches `alpha_min`, or of 3DGS's circle
             of 3 standard deviations along the longer axis.
         footprint: Projected covariance: EWA's Jacobian at the centre, or the unscented transform, which
@@ -94,7 +94,7 @@ class Accuracy:
 
     alpha_min: float = 1.0 / 255.0
     transmittance_min: float = 1e-4
-    exp_degree: int = 6
+    exp_degree: int = 5
     extent: Literal["ellipse", "circle"] = "ellipse"
     footprint: Literal["affine", "unscented"] = "affine"
     pixel_order: bool = False

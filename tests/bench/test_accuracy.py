@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from diga3d_warp.bench.accuracy import measure as measurement
 from diga3d_warp.bench.accuracy import page as accuracy_page
 from diga3d_warp.bench.accuracy.knobs import KNOBS, PRESETS, STANDARD, Way, ways
 from diga3d_warp.bench.accuracy.measure import error, measure, pareto_front, rendered
@@ -12,6 +13,7 @@ from diga3d_warp.bench.accuracy.page import bench_accuracy, knob_table
 from diga3d_warp.bench.accuracy.reprojection import reprojection_table
 from diga3d_warp.bench.accuracy.scenes import SIZE, Subject, captured, middle, subjects
 from diga3d_warp.bench.garden import Garden
+from diga3d_warp.bench.page import name_points, plot
 from diga3d_warp.config import Accuracy
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.images import read_image
@@ -85,6 +87,26 @@ def test_turning_a_knob_shows_in_error_and_gradient():
     assert all(each.forward > 0.0 and each.backward > 0.0 for each in found.values())
 
 
+def test_slow_ways_are_timed_once(monkeypatch):
+    calls = []
+    monkeypatch.setattr(measurement, "rendered", lambda *given: calls.append(given) or rendered(*given))
+    subject = Subject("tiny", TINY.gaussians(), TINY.camera)
+    for slow, count in ((60.0, 4), (0.0, 2)):
+        monkeypatch.setattr(measurement, "SLOW", slow)
+        calls.clear()
+        measure(subject, [STANDARD], repeats=3)
+        assert len(calls) == 1 + count, "the truth, the first run that compiles, and the repeats"
+
+
+def test_names_of_points_do_not_cover_each_other(tmp_path):
+    with plot(tmp_path / "names.png", 2) as (axes, _):
+        axes.plot([0.0, 1.0], [0.0, 1.0])
+        name_points(axes, [(f"point {k}", (0.5, 0.5)) for k in range(6)])
+        boxes = [text.get_window_extent() for text in axes.texts]
+        assert len(boxes) == 6
+        assert not any(one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[:k])
+
+
 def test_the_front_holds_what_nothing_beats():
     points = [(1.0, 1.0), (0.5, 2.0), (0.6, 3.0), (2.0, 0.1), (1.5, 1.0), (1.01, 1.0), (2.0, 0.0)]
     assert pareto_front(points) == [True, True, False, False, False, True, True]
@@ -97,7 +119,7 @@ def test_page_and_plot(monkeypatch, tmp_path):
     monkeypatch.setattr(accuracy_page, "ways", lambda: few)
     monkeypatch.setattr(accuracy_page, "KNOBS", knobs)
     tables = bench_accuracy(tmp_path, 1, None)
-    assert len(tables) == 4
+    assert len(tables) == 5
     text = (tmp_path / "accuracy.md").read_text()
     assert f"`diga3d bench accuracy --repeats 1 --out {tmp_path}`" in text
     assert all(f"**{table.title}**" in text for table in tables)

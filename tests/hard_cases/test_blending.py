@@ -103,35 +103,6 @@ def test_an_opacity_of_just_the_skip_has_a_gradient(logit, alpha_min):
     assert all(leaf.grad is None or leaf.grad.isfinite().all() for _, leaf in leaves.named())
 
 
-def long_needle(width: int, accuracy: Accuracy = Accuracy.STANDARD) -> Rendering:
-    """A needle from corner to corner and beyond, a pixel wide, of opacity 0.5."""
-    camera = Camera(width, width * 3 // 4, 0.75 * width, 0.75 * width, width / 2, width * 3 / 8, torch.eye(4))
-    needle = single(
-        means=[0.0, 0.0, 2.0],
-        log_scales=[3.0, -12.0, -12.0],
-        quaternions=[math.cos(0.39), 0.0, 0.0, math.sin(0.39)],
-        opacity_logits=0.0,
-    )
-    return render(needle, camera, accuracy=accuracy)
-
-
-def test_a_long_needle_does_not_flash_where_its_exponent_cancels():
-    """400 px from its middle the terms of the exponent are 1e5 and their sum is 0: rounding may leave it
-    positive, where a polynomial for exp would grow without bound."""
-    out = long_needle(800)
-    assert (out.alpha > 0.1).sum() > 500
-    assert out.alpha.max() < 0.5001
-
-
-@pytest.mark.parametrize("width,error", [(100, 2e-4), (400, 4e-3), (800, 2e-2)])
-def test_a_long_needle_is_as_good_as_its_conic(width, error):
-    """Rounding of the conic is multiplied by the square of the length; docs/hard-cases.md names these."""
-    color = long_needle(width).color.double()
-    exact = long_needle(width, Accuracy(precision="float64")).color
-    assert exact.max() > 0.3
-    assert (color - exact).abs().max() < error
-
-
 @pytest.mark.parametrize("opacity,drawn", [(0.0, False), (0.0039, False), (0.00393, True), (0.02, True)])
 def test_below_one_step_of_eight_bits_nothing_is_drawn(opacity, drawn):
     """1/255 = 0.003922. The radius sqrt(2 ln(255 o)) has no value below it."""

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from flat_splats import NAMES, splats
+from flat_splats import NAMES, plainly, splats
 
 import oracle
 from diga3d_warp.config import Accuracy
@@ -21,7 +21,7 @@ def projection(device: str = "cpu") -> Projection:
     return Projection(*(
         tensor.to(device)
         for tensor in (
-            fields["centers"], fields["depths"], fields["conics"], extents, fields["opacities"],
+            fields["centers"], fields["depths"], fields["roots"], extents, fields["opacities"],
             fields["depth_slopes"],
         )
     ))  # fmt: skip
@@ -30,7 +30,7 @@ def projection(device: str = "cpu") -> Projection:
 def expected(accuracy: Accuracy) -> oracle.Image:
     fields, extents = splats(WIDTH, HEIGHT)
     doubles = {name: value.double() for name, value in fields.items()}
-    return oracle.composite(
+    return plainly(
         *(doubles[name] for name in NAMES), extents[:, 0] > 0, WIDTH, HEIGHT,
         slopes=doubles["depth_slopes"] if accuracy.pixel_order else None,
     )  # fmt: skip

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from flat_splats import ACCURACIES, NAMES, blended, expected, few, splats, whole
+from flat_splats import ACCURACIES, NAMES, blended, expected, few, plainly, splats, whole
 
 import oracle
 from diga3d_warp.config import Accuracy, Effects
@@ -50,13 +50,11 @@ def test_a_gaussian_can_end_at_its_box():
     fields, extents = splats(37, 29)
     leaves = {name: value.double() for name, value in fields.items()}
     small = 0.4 * extents
-    projection = Projection(fields["centers"], fields["depths"], fields["conics"], small, fields["opacities"])
+    projection = Projection(fields["centers"], fields["depths"], fields["roots"], small, fields["opacities"])
     found = composite(projection, fields["colors"], 37, 29, accuracy=accuracy)
     parts = {}
     for name, boxes in (("box", small.double()), ("none", None)):
-        parts[name] = oracle.composite(
-            *(leaves[name] for name in NAMES), extents[:, 0] > 0, 37, 29, extents=boxes
-        )
+        parts[name] = plainly(*(leaves[name] for name in NAMES), extents[:, 0] > 0, 37, 29, extents=boxes)
     certain = parts["box"].certain
     assert certain.float().mean() > 0.8
     assert (found.color.double() - parts["box"].color).abs()[certain].max() < 1e-5
@@ -86,7 +84,7 @@ def test_what_is_not_asked_for_leaves_the_rest_as_it_is():
     assert torch.equal(full.color, bare.color)
     for image in (full, bare):
         (image.color.square().sum() + image.transmittance.sum()).backward()
-    for name in ("centers", "conics", "opacities", "colors"):
+    for name in ("centers", "roots", "opacities", "colors"):
         torch.testing.assert_close(leaves[name].grad, bare_leaves[name].grad, rtol=1e-4, atol=1e-5)
     assert not bare_leaves["depths"].grad.any()
 
@@ -104,7 +102,7 @@ def test_bits_do_not_depend_on_the_number_of_threads(threads):
 
 def test_float64_kernels_pass_gradcheck():
     leaves = few()
-    image = oracle.composite(*leaves[:5], torch.ones(7, dtype=torch.bool), 6, 5)
+    image = plainly(*leaves[:5], torch.ones(7, dtype=torch.bool), 6, 5)
     assert ((image.transmittance > 1e-3) & (image.transmittance < 0.5)).all(), "every pixel has a median"
     found = whole(*leaves)
     assert found[0].dtype == torch.float64
@@ -138,10 +136,10 @@ def test_the_polynomial_is_the_exponential(alpha_min, degree):
 def test_a_kernel_has_the_error_of_its_degree(degree, least, most):
     """Against float64's own exponential, where no splat is near a cut-off."""
     leaves = [leaf.detach() for leaf in few()]
-    centers, conics, depths, opacities, colors, _ = leaves
-    image = oracle.composite(*leaves[:5], torch.ones(7, dtype=torch.bool), 6, 5)
+    centers, roots, depths, opacities, colors, _ = leaves
+    image = plainly(*leaves[:5], torch.ones(7, dtype=torch.bool), 6, 5)
     projection = Projection(*(
-        tensor.float() for tensor in (centers, depths, conics, torch.full_like(centers, 50.0), opacities)
+        tensor.float() for tensor in (centers, depths, roots, torch.full_like(centers, 50.0), opacities)
     ))  # fmt: skip
     found = composite(projection, colors.float(), 6, 5, accuracy=Accuracy(exp_degree=degree))
     assert least <= (found.color - image.color).abs().max() < most

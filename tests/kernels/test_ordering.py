@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from flat_splats import blended, expected, few, whole
+from flat_splats import blended, expected, few, plainly, whole
 
 import oracle
 from diga3d_warp.config import Accuracy, Effects
@@ -44,7 +44,7 @@ def leaning(accuracy: Accuracy) -> Composite:
     projection = Projection(
         centers=torch.full((2, 2), 16.0),
         depths=torch.tensor([3.0, 2.9]),
-        conics=torch.tensor([[1e-3, 0.0, 1e-3]]).repeat(2, 1),
+        roots=torch.tensor([[0.03, 0.0, 0.03]]).repeat(2, 1),
         extents=torch.full((2, 2), 100.0),
         opacities=torch.tensor([0.9, 0.9]),
         depth_slopes=torch.tensor([[0.05, 0.0], [-0.05, 0.0]]),
@@ -85,7 +85,7 @@ def test_a_list_in_reverse_is_turned_around(count):
     depths = torch.linspace(1.0, 2.0, count, dtype=torch.float64)
     leaves = {
         "centers": torch.tensor([[-20.0, 8.0]]).repeat(count, 1).double(),
-        "conics": torch.tensor([[1e-4, 0.0, 1e-4]]).repeat(count, 1).double(),
+        "roots": torch.tensor([[0.01, 0.0, 0.01]]).repeat(count, 1).double(),
         "depths": depths,
         "opacities": torch.full((count,), 0.05).double(),
         "colors": torch.rand(count, 3, generator=random, dtype=torch.float64),
@@ -93,10 +93,10 @@ def test_a_list_in_reverse_is_turned_around(count):
     # At the centres nearer ones come first; 20 px to the right, where the image begins, all have depth 1.
     slopes = torch.stack([-0.05 * (depths - 1.0), torch.zeros(count)], 1)
     everything = torch.ones(count, dtype=torch.bool)
-    image = oracle.composite(*leaves.values(), everything, 16, 16, slopes=slopes.double())
+    image = plainly(*leaves.values(), everything, 16, 16, slopes=slopes.double())
     single = {name: value.float() for name, value in leaves.items()}
     projection = Projection(
-        single["centers"], single["depths"], single["conics"], torch.full((count, 2), 200.0),
+        single["centers"], single["depths"], single["roots"], torch.full((count, 2), 200.0),
         single["opacities"], slopes.float(),
     )  # fmt: skip
     found = composite(projection, single["colors"], 16, 16, accuracy=STANDARD)
@@ -119,7 +119,7 @@ def test_equal_depths_keep_the_order_of_the_list():
 def test_float64_kernels_pass_gradcheck():
     leaves = few()
     slopes = torch.randn(7, 2, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
-    image = oracle.composite(*leaves[:5], torch.ones(7, dtype=torch.bool), 6, 5, slopes=slopes)
+    image = plainly(*leaves[:5], torch.ones(7, dtype=torch.bool), 6, 5, slopes=slopes)
     torch.testing.assert_close(whole(*leaves, slopes)[0], image.color, rtol=1e-12, atol=1e-12)
     assert torch.autograd.gradcheck(
         lambda *inputs: whole(*inputs, slopes), leaves, eps=1e-6, atol=1e-7, rtol=1e-5

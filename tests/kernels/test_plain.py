@@ -9,7 +9,7 @@ from diga3d_warp.splatting.arrays import warp_array
 from diga3d_warp.splatting.composite import composite
 from diga3d_warp.splatting.shade import shade
 
-NAMES = ("centers", "conics", "opacities")
+NAMES = ("centers", "roots", "opacities")
 TYPES = (wp.vec2, wp.vec3, wp.float32, wp.vec3)
 
 

@@ -149,7 +149,7 @@ def test_double_precision_and_normals_give_the_bits_of_torch():
     found = project(*parameters, posed, accuracy=accuracy, effects=effects)
     normals = orient(*parameters[:3], found.extents, posed)
     colors = shade(parameters[0], sh, found.extents, posed, 3)
-    parts = [found.centers, found.conics, found.opacities, found.depth_slopes, normals, colors]
+    parts = [found.centers, found.roots, found.opacities, found.depth_slopes, normals, colors]
     sum(part.sum() for part in parts).backward()
 
     kinds = [wp.vec3d, wp.vec3d, wp.vec4d, wp.float64, wp.vec3d, wp.mat44d, wp.vec4d, wp.vec3d]
@@ -169,7 +169,7 @@ def test_double_precision_and_normals_give_the_bits_of_torch():
         )  # fmt: skip
         facing = taped.orient(tape, means, log_scales, quaternions, poses, splats.extents)
         lit = taped.shade(tape, 3, means, coefficients, eyes, splats.extents)
-    outputs = [splats.centers, splats.conics, splats.opacities, splats.depth_slopes, facing, lit]
+    outputs = [splats.centers, splats.roots, splats.opacities, splats.depth_slopes, facing, lit]
     for array, tensor in zip(outputs, parts, strict=True):
         np.testing.assert_allclose(array.numpy(), tensor.detach().numpy(), rtol=1e-7)  # the lens is rounded
     tape.backward(grads={array: wp.ones_like(array) for array in outputs})

@@ -135,8 +135,9 @@ def statistics(projection: Projection, camera: Camera) -> Statistics:
     wide = np.minimum(TILE, camera.width - TILE * np.arange(bins.columns))
     high = np.minimum(TILE, camera.height - TILE * np.arange(bins.rows))
     drawn = projection.extents[:, 0] > 0.0
-    xx, xy, yy = projection.conics.detach()[drawn].double().unbind(1)
-    # The smaller eigenvalue of the conic is the inverse of the larger variance.
+    l11, l21, l22 = projection.roots.detach()[drawn].double().unbind(1)
+    xx, xy, yy = l11**2, l11 * l21, l21**2 + l22**2
+    # The smaller eigenvalue of the inverse covariance is the inverse of the larger variance.
     smaller = 0.5 * (xx + yy) - (0.25 * (xx - yy) ** 2 + xy**2).sqrt()
     return Statistics(
         drawn=bins.order.shape[0],

@@ -72,6 +72,25 @@ def plot(path: Path, panels: int = 1) -> Iterator[Any]:
         figure.savefig(partial, dpi=DOTS)
 
 
+BESIDE = [(side * 5, y) for y in (4, -10, 13, -19, 22, -28) for side in (1, -1)]
+"""Where a name may stand beside its point, the best place first [points]."""
+
+
+def name_points(axes: Any, points: Sequence[tuple[str, tuple[float, float]]]) -> None:
+    """Write names beside points, none over another where there is room; scales must be set before."""
+    axes.figure.draw_without_rendering()
+    taken: list[Any] = []
+    for text, point in points:
+        name = axes.annotate(text, point, xytext=BESIDE[0], textcoords="offset points", fontsize=7)
+        for place in BESIDE:
+            name.xyann = place
+            name.set_horizontalalignment("left" if place[0] > 0 else "right")
+            box = name.get_window_extent()
+            if not any(box.overlaps(other) for other in taken):
+                break
+        taken.append(box)
+
+
 def bars(path: Path, title: str, parts: Sequence[str], groups: Mapping[str, Sequence[float]]) -> None:
     """Stacked horizontal bars, one a group, its sum written beside it.
 

@@ -102,7 +102,7 @@ class Bench:
         bins = binned(projection, camera)
         splats = [
             warp_array(projection.centers, wp.vec2),
-            warp_array(projection.conics, wp.vec3),
+            warp_array(projection.roots, wp.vec3),
             warp_array(projection.opacities, wp.float32),
             warp_array(colors, wp.vec3),
         ]
@@ -132,7 +132,7 @@ class Bench:
 
         flat = projection._replace(
             centers=_leaf(projection.centers),
-            conics=_leaf(projection.conics),
+            roots=_leaf(projection.roots),
             opacities=_leaf(projection.opacities),
         )
         shaded = _leaf(colors)
@@ -147,7 +147,7 @@ class Bench:
         with watch(measured, "loss adjoint"):
             (adj_color,) = torch.autograd.grad(loss, color)
 
-        inputs = [flat.centers, flat.conics, flat.opacities, shaded]
+        inputs = [flat.centers, flat.roots, flat.opacities, shaded]
         with watch(measured, "sum rows"), timed_launches() as launches:
             adj_splats = torch.autograd.grad(blended.color, inputs, adj_color)
         measured["blend adjoint"] = sum(t for name, t in launches if name == "composite_adjoint")
@@ -157,7 +157,7 @@ class Bench:
             torch.autograd.backward(colors, adj_splats[3])
         with watch(measured, "project adjoint"):
             torch.autograd.backward(
-                [projection.centers, projection.conics, projection.opacities], list(adj_splats[:3])
+                [projection.centers, projection.roots, projection.opacities], list(adj_splats[:3])
             )
         with watch(measured, "optimiser"):
             self.optimiser.step(0.5, shown=projection.extents[:, 0] > 0.0)

@@ -41,7 +41,7 @@ def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares:
     vec = wp.types.vector(size, real)
     ints = wp.types.vector(size, int)
     row_of = share_row(blending)
-    response, quadratic, clipped, survives, _, block_range = rules(blending)
+    unit, response, clipped, survives, _, block_range = rules(blending)
     value_planes = 3 * blocks if shares else 1
     kept_planes = max(1, strongest * blocks)
 
@@ -62,7 +62,7 @@ def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares:
         gaussians: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        conics: wp.array(dtype=vec3),
+        roots: wp.array(dtype=vec3),
         opacities: wp.array(dtype=real),
         depths: wp.array(dtype=real),
         slopes: wp.array(dtype=vec2),
@@ -111,7 +111,7 @@ def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares:
             i = gaussians[j]
             center = centers[i]
             extent = extents[i]
-            conic = quadratic(conics[i])
+            root = real(wp.static(unit)) * roots[i]
             opacity = opacities[i]
             gx = center[0] - real(x0) - real(0.5)
             gy = center[1] - real(y0) - real(0.5)
@@ -134,7 +134,7 @@ def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares:
                         for q in range(size):
                             dx = bgx - real(q % width)
                             dy = bgy - real(q // width)
-                            w = clipped(response(opacity, conic, dx, dy, extent)) * T_b[q]
+                            w = clipped(response(opacity, root, dx, dy, extent)) * T_b[q]
                             alive = survives(T_b[q] - w, live_b[q])
                             live_b[q] = alive
                             weight[q] = wp.where(alive > 0, w, real(0.0))
@@ -209,7 +209,7 @@ def ordered_attribution_kernel(blending: Blending, region: int, strongest: int, 
         gaussians: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        conics: wp.array(dtype=vec3),
+        roots: wp.array(dtype=vec3),
         opacities: wp.array(dtype=real),
         depths: wp.array(dtype=real),
         slopes: wp.array(dtype=vec2),
@@ -238,7 +238,7 @@ def ordered_attribution_kernel(blending: Blending, region: int, strongest: int, 
                 pixel = vec2(real(x) + real(0.5), real(y) + real(0.5))
                 while live != 0:
                     js, zs, raws = nearest(
-                        starts[tile], starts[tile + 1], gaussians, centers, extents, conics, opacities,
+                        starts[tile], starts[tile + 1], gaussians, centers, extents, roots, opacities,
                         depths, slopes, pixel, last_depth, last_pair,
                     )  # fmt: skip
                     last_depth = zs[WINDOW - 1]
@@ -315,7 +315,7 @@ def strongest(
     Args:
         bins: Pairs of this image.
         width, height: Image size [px].
-        splats: centers (N,) vec2, extents (N,) vec2, conics (N,) vec3, opacities (N,), depths (N,),
+        splats: centers (N,) vec2, extents (N,) vec2, roots (N,) vec3, opacities (N,), depths (N,),
             depth_slopes (N,) vec2; the last two are read with `blending.pixel_order` alone.
         outputs: Indices of gaussians, int, -1 where fewer show, and their weights, shape (H * W, count) each.
         count: How many.

@@ -152,9 +152,9 @@ class Rules(NamedTuple):
     """Warp functions that decide what a gaussian does to a pixel.
 
     Attributes:
-        response: (opacity, conic, dx, dy, extent) -> opacity times the gaussian at the offset from a pixel
-            to its centre. The conic comes as `quadratic` gives it.
-        quadratic: (conic xx, xy, yy) -> (a, b, c) with the exponent (a dx + b dy) dx + c dy^2.
+        unit: What a root is multiplied by for `response`.
+        response: (opacity, root in `unit`, dx, dy, extent) -> opacity times the gaussian at the offset from a
+            pixel to its centre.
         clipped: (response) -> alpha: 0 below alpha_min, at most alpha_max.
         survives: (transmittance after it, live) -> live, or 0 if the gaussian would finish the pixel.
         features: (index, colors, depths, normals) -> what is blended, read at an index of three arrays.
@@ -162,8 +162,8 @@ class Rules(NamedTuple):
             pixels each, that the gaussian's box touches: first and end column, first and end row.
     """
 
+    unit: float
     response: Any
-    quadratic: Any
     clipped: Any
     survives: Any
     features: Any
@@ -178,19 +178,21 @@ def rules(blending: Blending) -> Rules:
     values = wp.types.vector(blending.features, real)
     coefficients, squarings, reach = exponential(blending.alpha_min, blending.exp_degree)
     degree = blending.exp_degree
-    scale = 0.5**squarings
     library = blending.precision == "float64"
+    # In this unit half the squared length of the offset is what the polynomial takes. With an odd number of
+    # squarings, as in all presets, it is a power of two, and no digit of a root is lost.
+    unit = math.sqrt(0.5 if library else 0.5 ** (squarings + 1))
+    lowest = reach / 2**squarings
     boxed = blending.boxed
     alpha_min, alpha_max = blending.alpha_min, SPLATTING.alpha_max
     transmittance_min = blending.transmittance_min
 
     @wp.func
-    def falloff(power: real) -> real:
-        """exp(power) for power <= 0; above 0 lies only rounding."""
-        x = wp.where(power < real(0.0), power, real(0.0))
+    def falloff(x: real) -> real:
+        """exp of x <= 0 times 2^squarings; in float64 exp of x."""
         if wp.static(library):
             return wp.exp(x)
-        x = wp.where(x > real(wp.static(-reach)), x, real(wp.static(-reach))) * real(wp.static(scale))
+        x = wp.where(x > real(wp.static(-lowest)), x, real(wp.static(-lowest)))
         p = real(wp.static(coefficients[degree]))
         for k in range(degree):  # a constant that names k unrolls the loop, as does the next one
             p = p * x + real(wp.static(coefficients[degree - 1 - k]))
@@ -199,16 +201,14 @@ def rules(blending: Blending) -> Rules:
         return p
 
     @wp.func
-    def response(opacity: real, conic: vec3, dx: real, dy: real, extent: vec2) -> real:
-        raw = opacity * falloff((conic[0] * dx + conic[1] * dy) * dx + conic[2] * dy * dy)
+    def response(opacity: real, root: vec3, dx: real, dy: real, extent: vec2) -> real:
+        u = root[0] * dx + root[1] * dy
+        v = root[2] * dy
+        raw = opacity * falloff(-(u * u + v * v))
         if wp.static(boxed):
             raw = wp.where(wp.abs(dx) <= extent[0], raw, real(0.0))
             raw = wp.where(wp.abs(dy) <= extent[1], raw, real(0.0))
         return raw
-
-    @wp.func
-    def quadratic(conic: vec3) -> vec3:
-        return vec3(real(-0.5) * conic[0], -conic[1], real(-0.5) * conic[2])
 
     @wp.func
     def clipped(raw: real) -> real:
@@ -258,4 +258,4 @@ def rules(blending: Blending) -> Rules:
             (end_pixel(center[1] + extent[1], y) + height - 1) // height,
         )
 
-    return Rules(response, quadratic, clipped, survives, features, block_range)
+    return Rules(unit, response, clipped, survives, features, block_range)

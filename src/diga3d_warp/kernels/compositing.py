@@ -38,7 +38,7 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
     vec2, vec3, *_ = types_of(real)
     vec = wp.types.vector(size, real)
     ints = wp.types.vector(size, int)
-    response, quadratic, clipped, survives, features, block_range = rules(blending)
+    unit, response, clipped, survives, features, block_range = rules(blending)
 
     @wp.kernel(module="unique", module_options=OPTIONS)
     def composite(
@@ -50,7 +50,7 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
         gaussians: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        conics: wp.array(dtype=vec3),
+        roots: wp.array(dtype=vec3),
         opacities: wp.array(dtype=real),
         colors: wp.array(dtype=vec3),
         depths: wp.array(dtype=real),
@@ -90,7 +90,7 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
             i = gaussians[j]
             center = centers[i]
             extent = extents[i]
-            conic = quadratic(conics[i])
+            root = real(wp.static(unit)) * roots[i]
             opacity = opacities[i]
             value = features(i, colors, depths, normals)
             gx = center[0] - real(x0) - real(0.5)
@@ -111,7 +111,7 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
                         for q in range(size):
                             dx = bgx - real(q % width)
                             dy = bgy - real(q // width)
-                            alpha = clipped(response(opacity, conic, dx, dy, extent))
+                            alpha = clipped(response(opacity, root, dx, dy, extent))
                             w = alpha * T_b[q]
                             any_change = any_change | wp.where(alpha > real(0.0), live_b[q], 0)
                             alive = survives(T_b[q] - w, live_b[q])
@@ -172,7 +172,7 @@ def composite(
     Args:
         bins: Pairs of this image.
         width, height: Image size [px].
-        splats: centers (N,) vec2, extents (N,) vec2, conics (N,) vec3, opacities (N,), colors (N,) vec3,
+        splats: centers (N,) vec2, extents (N,) vec2, roots (N,) vec3, opacities (N,), colors (N,) vec3,
             depths (N,), normals (N,) vec3, depth_slopes (N,) vec2. What nothing asks for may be empty:
             depths, normals, and slopes, which `blending.pixel_order` alone reads.
         outputs: image (H*W,) vec3, depth_sum (H*W,), transmittance (H*W,), normal_sum (H*W,) vec3,

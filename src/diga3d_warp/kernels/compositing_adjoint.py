@@ -49,7 +49,7 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
     vec = wp.types.vector(size, real)
     ints = wp.types.vector(size, int)
     row_of = gradient_row(blending)
-    response, quadratic, clipped, survives, features, block_range = rules(blending)
+    unit, response, clipped, survives, features, block_range = rules(blending)
 
     @wp.func
     def total(lanes: vec) -> real:
@@ -68,7 +68,7 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
         gaussians: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        conics: wp.array(dtype=vec3),
+        roots: wp.array(dtype=vec3),
         opacities: wp.array(dtype=real),
         colors: wp.array(dtype=vec3),
         depths: wp.array(dtype=real),
@@ -132,16 +132,17 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
                 continue
             center = centers[i]
             extent = extents[i]
-            conic = quadratic(conics[i])
+            root = roots[i]
+            scaled = real(wp.static(unit)) * root
             opacity = opacities[i]
             value = features(i, colors, depths, normals)
             gx = center[0] - real(x0) - real(0.5)
             gy = center[1] - real(y0) - real(0.5)
             sum_p = vec(real(0.0))
-            sum_x = vec(real(0.0))
+            sum_u = vec(real(0.0))
             sum_y = vec(real(0.0))
-            sum_xx = vec(real(0.0))
-            sum_xy = vec(real(0.0))
+            sum_ux = vec(real(0.0))
+            sum_uy = vec(real(0.0))
             sum_yy = vec(real(0.0))
             sum_median = vec(real(0.0))
             sums = wp.zeros(shape=wp.static(count), dtype=vec)
@@ -163,7 +164,7 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
                 for q in range(size):
                     dx = bgx - real(q % width)
                     dy = bgy - real(q // width)
-                    raw = response(opacity, conic, dx, dy, extent)
+                    raw = response(opacity, scaled, dx, dy, extent)
                     alpha = clipped(raw)
                     w = alpha * T_b[q]
                     alive = survives(T_b[q] - w, live_b[q])
@@ -176,10 +177,11 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
                     g_power = wp.where(raw < real(wp.static(alpha_max)), raw * g_alpha, real(0.0))
                     g_power = wp.where(w > real(0.0), g_power, real(0.0))
                     sum_p[q] = sum_p[q] + g_power
-                    sum_x[q] = sum_x[q] + g_power * dx
+                    g_u = g_power * (scaled[0] * dx + scaled[1] * dy)
+                    sum_u[q] = sum_u[q] + g_u
                     sum_y[q] = sum_y[q] + g_power * dy
-                    sum_xx[q] = sum_xx[q] + g_power * dx * dx
-                    sum_xy[q] = sum_xy[q] + g_power * dx * dy
+                    sum_ux[q] = sum_ux[q] + g_u * dx
+                    sum_uy[q] = sum_uy[q] + g_u * dy
                     sum_yy[q] = sum_yy[q] + g_power * dy * dy
                     any_live = any_live | alive
                 for k in range(count):
@@ -197,14 +199,15 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
                     inside = any_live
 
             row = row_of(real(0.0))
-            px = total(sum_x)
-            py = total(sum_y)
-            # power = a dx^2 + b dx dy + c dy^2 with dx = center - pixel, a = -xx / 2, b = -xy, c = -yy / 2
-            row[0] = real(2.0) * conic[0] * px + conic[1] * py
-            row[1] = conic[1] * px + real(2.0) * conic[2] * py
-            row[2] = real(-0.5) * total(sum_xx)
-            row[3] = -total(sum_xy)
-            row[4] = real(-0.5) * total(sum_yy)
+            # power = -(u^2 + v^2) / 2 with u = l11 dx + l21 dy, v = l22 dy, (dx, dy) = center - pixel; the
+            # lanes' u are in `unit`.
+            g_u = real(wp.static(-1.0 / unit)) * total(sum_u)
+            g_v = -root[2] * total(sum_y)
+            row[0] = root[0] * g_u
+            row[1] = root[1] * g_u + root[2] * g_v
+            row[2] = real(wp.static(-1.0 / unit)) * total(sum_ux)
+            row[3] = real(wp.static(-1.0 / unit)) * total(sum_uy)
+            row[4] = -root[2] * total(sum_yy)
             row[5] = total(sum_p) / opacity
             for k in range(count):
                 row[GEOMETRY + k] = total(sums[k])
@@ -229,7 +232,7 @@ def composite_adjoint(
             itself is not read.
         changes: What it returned.
         adj_outputs: Gradients of the outputs.
-        adj_splats: Gradients of centers, conics, opacities, colors, depths and normals, added to.
+        adj_splats: Gradients of centers, roots, opacities, colors, depths and normals, added to.
     """
     if blending.pixel_order:
         ordering.composite_adjoint(bins, width, height, splats, outputs, adj_outputs, adj_splats, blending)

@@ -16,7 +16,7 @@ from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.precision import types_of
 
 GEOMETRY = 6
-"""Numbers of a gradient row before those of the features: centre (2), conic (3), opacity."""
+"""Numbers of a gradient row before those of the features: centre (2), root (3), opacity."""
 
 
 def gradient_row(blending: Blending) -> Any:
@@ -43,7 +43,7 @@ def gather_kernel(blending: Blending) -> wp.Kernel:
         gradients: wp.array(dtype=row_of),
         # outputs
         adj_centers: wp.array(dtype=vec2),
-        adj_conics: wp.array(dtype=vec3),
+        adj_roots: wp.array(dtype=vec3),
         adj_opacities: wp.array(dtype=real),
         adj_colors: wp.array(dtype=vec3),
         adj_depths: wp.array(dtype=real),
@@ -55,7 +55,7 @@ def gather_kernel(blending: Blending) -> wp.Kernel:
             row = row + gradients[slots[emission]]
         i = order[k]
         adj_centers[i] = adj_centers[i] + vec2(row[0], row[1])
-        adj_conics[i] = adj_conics[i] + vec3(row[2], row[3], row[4])
+        adj_roots[i] = adj_roots[i] + vec3(row[2], row[3], row[4])
         adj_opacities[i] = adj_opacities[i] + row[5]
         adj_colors[i] = adj_colors[i] + vec3(row[6], row[7], row[8])
         if wp.static(blending.depth):
@@ -71,7 +71,7 @@ def gather_kernel(blending: Blending) -> wp.Kernel:
 
 
 def gather(bins: Bins, rows: wp.array, adj_splats: list, blending: Blending) -> None:
-    """Add all rows to the gradients of centers, conics, opacities, colors, depths and normals."""
+    """Add all rows to the gradients of centers, roots, opacities, colors, depths and normals."""
     launch(
         gather_kernel(blending), bins.order.shape[0], [bins.order, bins.first, bins.slots, rows], adj_splats,
         device=rows.device, work=2,

@@ -46,7 +46,7 @@ def nearest_function(blending: Blending) -> Any:
     vec2, vec3, *_ = types_of(real)
     window = wp.types.vector(length=WINDOW, dtype=real)
     pairs = wp.types.vector(length=WINDOW, dtype=int)
-    response, quadratic, clipped, *_ = rules(blending)
+    unit, response, clipped, *_ = rules(blending)
 
     @wp.func
     def nearest(
@@ -55,7 +55,7 @@ def nearest_function(blending: Blending) -> Any:
         gaussians: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        conics: wp.array(dtype=vec3),
+        roots: wp.array(dtype=vec3),
         opacities: wp.array(dtype=real),
         depths: wp.array(dtype=real),
         slopes: wp.array(dtype=vec2),
@@ -75,7 +75,8 @@ def nearest_function(blending: Blending) -> Any:
                 z = depths[i] - wp.dot(slopes[i], offset)
                 follows = z > last_depth or (z == last_depth and j > last_pair)
                 if follows and (held < WINDOW or z < zs[WINDOW - 1]):
-                    raw = response(opacities[i], quadratic(conics[i]), offset[0], offset[1], extent)
+                    root = real(wp.static(unit)) * roots[i]
+                    raw = response(opacities[i], root, offset[0], offset[1], extent)
                     if clipped(raw) > real(0.0):
                         held = wp.min(held + 1, WINDOW)
                         at = held - 1
@@ -110,7 +111,7 @@ def ordered_kernel(blending: Blending) -> wp.Kernel:
         gaussians: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        conics: wp.array(dtype=vec3),
+        roots: wp.array(dtype=vec3),
         opacities: wp.array(dtype=real),
         colors: wp.array(dtype=vec3),
         depths: wp.array(dtype=real),
@@ -136,7 +137,7 @@ def ordered_kernel(blending: Blending) -> wp.Kernel:
         live = int(1)
         while live != 0:
             js, zs, raws = nearest(
-                starts[tile], starts[tile + 1], gaussians, centers, extents, conics, opacities, depths,
+                starts[tile], starts[tile + 1], gaussians, centers, extents, roots, opacities, depths,
                 slopes, pixel, last_depth, last_pair,
             )  # fmt: skip
             last_depth = zs[WINDOW - 1]
@@ -177,7 +178,7 @@ def ordered_adjoint_kernel(blending: Blending, region: int) -> wp.Kernel:
     real = blending.real
     vec2, vec3, *_ = types_of(real)
     row_of = gradient_row(blending)
-    _, quadratic, clipped, survives, features, _ = rules(blending)
+    _, _, clipped, survives, features, _ = rules(blending)
     nearest = nearest_function(blending)
     count = blending.features
     per_tile = TILE // region
@@ -193,7 +194,7 @@ def ordered_adjoint_kernel(blending: Blending, region: int) -> wp.Kernel:
         gaussians: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        conics: wp.array(dtype=vec3),
+        roots: wp.array(dtype=vec3),
         opacities: wp.array(dtype=real),
         colors: wp.array(dtype=vec3),
         depths: wp.array(dtype=real),
@@ -233,7 +234,7 @@ def ordered_adjoint_kernel(blending: Blending, region: int) -> wp.Kernel:
                 pixel = vec2(real(x) + real(0.5), real(y) + real(0.5))
                 while live != 0:
                     js, zs, raws = nearest(
-                        starts[tile], starts[tile + 1], gaussians, centers, extents, conics, opacities,
+                        starts[tile], starts[tile + 1], gaussians, centers, extents, roots, opacities,
                         depths, slopes, pixel, last_depth, last_pair,
                     )  # fmt: skip
                     last_depth = zs[WINDOW - 1]
@@ -255,13 +256,15 @@ def ordered_adjoint_kernel(blending: Blending, region: int) -> wp.Kernel:
                                     if raw >= real(wp.static(alpha_max)):
                                         g_power = real(0.0)
                                     d = centers[i] - pixel
-                                    c = quadratic(conics[i])
+                                    root = roots[i]
+                                    g_u = -g_power * (root[0] * d[0] + root[1] * d[1])
+                                    g_v = -g_power * (root[2] * d[1])
                                     row = row_of(real(0.0))
-                                    row[0] = g_power * (real(2.0) * c[0] * d[0] + c[1] * d[1])
-                                    row[1] = g_power * (c[1] * d[0] + real(2.0) * c[2] * d[1])
-                                    row[2] = real(-0.5) * g_power * d[0] * d[0]
-                                    row[3] = -g_power * d[0] * d[1]
-                                    row[4] = real(-0.5) * g_power * d[1] * d[1]
+                                    row[0] = root[0] * g_u
+                                    row[1] = root[1] * g_u + root[2] * g_v
+                                    row[2] = g_u * d[0]
+                                    row[3] = g_u * d[1]
+                                    row[4] = g_v * d[1]
                                     row[5] = g_power / opacities[i]
                                     for k in range(count):
                                         row[GEOMETRY + k] = w * adj[k]

@@ -22,10 +22,12 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def power_at(center: wp.vec2, conic: wp.vec3, x: int, y: int) -> float:
+def power_at(center: wp.vec2, root: wp.vec3, x: int, y: int) -> float:
     dx = center[0] - float(x) - 0.5
     dy = center[1] - float(y) - 0.5
-    return -0.5 * (conic[0] * dx * dx + conic[2] * dy * dy) - conic[1] * dx * dy
+    u = root[0] * dx + root[1] * dy
+    v = root[2] * dy
+    return -0.5 * (u * u + v * v)
 
 
 @wp.kernel
@@ -35,7 +37,7 @@ def blend(
     starts: wp.array(dtype=int),
     gaussians: wp.array(dtype=int),
     centers: wp.array(dtype=wp.vec2),
-    conics: wp.array(dtype=wp.vec3),
+    roots: wp.array(dtype=wp.vec3),
     opacities: wp.array(dtype=float),
     colors: wp.array(dtype=wp.vec3),
     # outputs
@@ -50,7 +52,7 @@ def blend(
     T = float(1.0)
     for j in range(starts[tile], starts[tile + 1]):
         i = gaussians[j]
-        alpha = wp.min(opacities[i] * wp.exp(power_at(centers[i], conics[i], x, y)), wp.static(_S.alpha_max))
+        alpha = wp.min(opacities[i] * wp.exp(power_at(centers[i], roots[i], x, y)), wp.static(_S.alpha_max))
         if alpha < wp.static(_S.alpha_min):
             continue
         if T * (1.0 - alpha) < wp.static(_S.transmittance_min):
@@ -68,7 +70,7 @@ def blend_adjoint(
     starts: wp.array(dtype=int),
     gaussians: wp.array(dtype=int),
     centers: wp.array(dtype=wp.vec2),
-    conics: wp.array(dtype=wp.vec3),
+    roots: wp.array(dtype=wp.vec3),
     opacities: wp.array(dtype=float),
     colors: wp.array(dtype=wp.vec3),
     image: wp.array(dtype=wp.vec3),
@@ -77,7 +79,7 @@ def blend_adjoint(
     adj_transmittance: wp.array(dtype=float),
     # outputs
     adj_centers: wp.array(dtype=wp.vec2),
-    adj_conics: wp.array(dtype=wp.vec3),
+    adj_roots: wp.array(dtype=wp.vec3),
     adj_opacities: wp.array(dtype=float),
     adj_colors: wp.array(dtype=wp.vec3),
 ):
@@ -90,8 +92,8 @@ def blend_adjoint(
     behind = wp.dot(image[pixel], g) + transmittance[pixel] * adj_transmittance[pixel]
     for j in range(starts[tile], starts[tile + 1]):
         i = gaussians[j]
-        conic = conics[i]
-        raw = opacities[i] * wp.exp(power_at(centers[i], conic, x, y))
+        root = roots[i]
+        raw = opacities[i] * wp.exp(power_at(centers[i], root, x, y))
         alpha = wp.min(raw, wp.static(_S.alpha_max))
         if alpha < wp.static(_S.alpha_min):
             continue
@@ -105,9 +107,10 @@ def blend_adjoint(
             g_power = raw * (T * along - behind / (1.0 - alpha))
             dx = centers[i][0] - float(x) - 0.5
             dy = centers[i][1] - float(y) - 0.5
-            slope = wp.vec2(conic[0] * dx + conic[1] * dy, conic[1] * dx + conic[2] * dy)
-            wp.atomic_add(adj_centers, i, -g_power * slope)
-            wp.atomic_add(adj_conics, i, -g_power * wp.vec3(0.5 * dx * dx, dx * dy, 0.5 * dy * dy))
+            u = root[0] * dx + root[1] * dy
+            v = root[2] * dy
+            wp.atomic_add(adj_centers, i, -g_power * wp.vec2(root[0] * u, root[1] * u + root[2] * v))
+            wp.atomic_add(adj_roots, i, -g_power * wp.vec3(u * dx, u * dy, v * dy))
             wp.atomic_add(adj_opacities, i, g_power / opacities[i])
         T *= 1.0 - alpha
 
@@ -118,7 +121,7 @@ def composite(bins: Bins, width: int, height: int, splats: list, outputs: list) 
     Args:
         bins: Pairs of this image.
         width, height: Image size [px].
-        splats: centers (N,) vec2, conics (N,) vec3, opacities (N,), colors (N,) vec3.
+        splats: centers (N,) vec2, roots (N,) vec3, opacities (N,), colors (N,) vec3.
         outputs: image (H*W,) vec3 and transmittance (H*W,).
     """
     wp.launch(

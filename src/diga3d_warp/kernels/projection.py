@@ -3,7 +3,11 @@
 Invariants
 - The projected covariance is the Gram matrix of rows a, b: those of J W R S, or of sigma points. So it is
   positive semi-definite in floating point too, and its determinant is a sum of squares:
-  |a ^ b|^2 + e (|a|^2 + |b|^2) + e^2 with the low-pass e. The textbook a d - b^2 loses all digits on needles.
+  |a ^ b|^2 + e (|a|^2 + |b|^2) + e^2 with the low-pass e (Cauchy-Binet). The textbook a d - b^2 loses all
+  digits on needles.
+- A splat goes out as `roots`, the Cholesky root L of its inverse covariance L L^T, lower triangular, as
+  (l11, l21, l22). No entry is a difference, and the exponent at an offset d, -|L^T d|^2 / 2, is never above
+  0; its rounding grows with the length of a needle, that of the inverse covariance with its square.
 - A culled gaussian has extent (0, 0) and exact zeros in every output; its gradient is exactly zero.
 - Every guard is written positively, `if not (x >= limit)`, so that NaN fails it.
 - Broken input is culled before any arithmetic: the adjoint of a product multiplies by the other factor, and
@@ -128,7 +132,7 @@ def projection_kernel(kind: Projecting) -> wp.Kernel:
         # outputs
         centers: wp.array(dtype=vec2),
         depths: wp.array(dtype=real),
-        conics: wp.array(dtype=vec3),
+        roots: wp.array(dtype=vec3),
         extents: wp.array(dtype=vec2),
         opacities: wp.array(dtype=real),
         depth_slopes: wp.array(dtype=vec2),
@@ -217,7 +221,9 @@ def projection_kernel(kind: Projecting) -> wp.Kernel:
         inv_det = one / det
         var_x = aa + low_pass
         var_y = bb + low_pass
-        conic = vec3(var_y * inv_det, -ab * inv_det, var_x * inv_det)
+        inv_var_y = one / var_y
+        l11 = wp.sqrt(var_y * inv_det)
+        root = vec3(l11, -ab * inv_var_y * l11, wp.sqrt(inv_var_y))
 
         if wp.static(antialias):
             # The low-pass widens the splat; its opacity shrinks by the same ratio of areas. Below alpha_min
@@ -231,7 +237,7 @@ def projection_kernel(kind: Projecting) -> wp.Kernel:
             center += root_half * vec2(a_even[0] + a_even[1] + a_even[2], b_even[0] + b_even[1] + b_even[2])
         centers[i] = center
         depths[i] = p[2]
-        conics[i] = conic
+        roots[i] = root
         opacities[i] = opacity
         if wp.static(circle):
             mid = half * (var_x + var_y)
@@ -245,13 +251,13 @@ def projection_kernel(kind: Projecting) -> wp.Kernel:
             extents[i] = vec2(reach * wp.sqrt(var_x), reach * wp.sqrt(var_y))
         if wp.static(slopes):
             # Depth of the largest response along a pixel's ray is linear in the pixel: the mean of z given
-            # the pixel, cov(z, pixel) times the conic.
+            # the pixel, cov(z, pixel) times the inverse covariance.
             along_z = wp.cw_mul(axes * vec3(pose[2, 0], pose[2, 1], pose[2, 2]), scales)
             with_u = wp.dot(a, along_z)
             with_v = wp.dot(b, along_z)
-            depth_slopes[i] = vec2(
-                conic[0] * with_u + conic[1] * with_v, conic[1] * with_u + conic[2] * with_v
-            )
+            along_first = root[0] * with_u + root[1] * with_v
+            along_second = root[2] * with_v
+            depth_slopes[i] = vec2(root[0] * along_first, root[1] * along_first + root[2] * along_second)
 
     return project
 

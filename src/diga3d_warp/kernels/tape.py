@@ -68,7 +68,7 @@ class Splats(NamedTuple):
 
     centers: wp.array
     depths: wp.array
-    conics: wp.array
+    roots: wp.array
     extents: wp.array
     opacities: wp.array
     depth_slopes: wp.array | None = None
@@ -217,7 +217,7 @@ def composite(
     bins = bin_gaussians(splats.centers, splats.depths, splats.extents, width, height)
     slopes = splats.depth_slopes if blending.pixel_order else wp.zeros(0, dtype=vec2, device=device)
     arrays = [
-        splats.centers, splats.extents, splats.conics, splats.opacities, colors, splats.depths, normals,
+        splats.centers, splats.extents, splats.roots, splats.opacities, colors, splats.depths, normals,
         slopes,
     ]  # fmt: skip
     images = Images(*(

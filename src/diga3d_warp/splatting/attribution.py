@@ -111,7 +111,7 @@ def _prepare(projection: Projection, width: int, height: int, accuracy: Accuracy
     splats = [
         tensor.detach().to(dtype).contiguous()
         for tensor in (
-            projection.centers, projection.extents, projection.conics, projection.opacities,
+            projection.centers, projection.extents, projection.roots, projection.opacities,
             projection.depths, slopes_of(projection, blending),
         )
     ]  # fmt: skip

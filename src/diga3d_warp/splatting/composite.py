@@ -47,7 +47,7 @@ def composite(
 ) -> Composite:
     """Blend front to back (paper Eq. 1) with the cut-offs of `accuracy`.
 
-    Gradients reach centers, conics, opacities and colours; normals; depths with `effects.depth` or
+    Gradients reach centers, roots, opacities and colours; normals; depths with `effects.depth` or
     `median_depth`. What is not asked for is not in the compiled kernel.
 
     Args:
@@ -65,10 +65,10 @@ def composite(
     """
     blending = Blending.of(accuracy, effects, normals=normals is not None, median=median_depth)
     dtype = getattr(torch, blending.precision)
-    centers, extents, conics, opacities, colors, depths = (
+    centers, extents, roots, opacities, colors, depths = (
         tensor.to(dtype)
         for tensor in (
-            projection.centers, projection.extents, projection.conics, projection.opacities, colors,
+            projection.centers, projection.extents, projection.roots, projection.opacities, colors,
             projection.depths,
         )
     )  # fmt: skip
@@ -76,7 +76,7 @@ def composite(
     slopes = slopes_of(projection, blending).to(dtype)
     bins = bin_projection(projection, width, height, dtype)
     color, depth_sum, transmittance, normal_sum, median = _Composite.apply(
-        centers, extents, conics, opacities, colors, depths, normals, slopes, bins, width, height, blending
+        centers, extents, roots, opacities, colors, depths, normals, slopes, bins, width, height, blending
     )
     return Composite(
         color.view(height, width, 3),
@@ -115,12 +115,12 @@ def bin_projection(projection: Projection, width: int, height: int, dtype: torch
 class _Composite(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx, centers, extents, conics, opacities, colors, depths, normals, slopes, bins: Bins, width, height,
+        ctx, centers, extents, roots, opacities, colors, depths, normals, slopes, bins: Bins, width, height,
         blending: Blending,
     ):  # fmt: skip
         splats = tuple(
             tensor.detach().contiguous()
-            for tensor in (centers, extents, conics, opacities, colors, depths, normals, slopes)
+            for tensor in (centers, extents, roots, opacities, colors, depths, normals, slopes)
         )
         pixels = height * width
         outputs = (

@@ -22,7 +22,8 @@ class Projection(NamedTuple):
     Attributes:
         centers: Pixel positions, shape (N, 2).
         depths: z along the camera axis [scene units], shape (N,).
-        conics: Inverse covariance (xx, xy, yy) [px^-2], shape (N, 3).
+        roots: Cholesky root L of the inverse covariance L L^T, lower triangular, as (l11, l21, l22) [px^-1],
+            shape (N, 3).
         extents: Half width and height of the box to draw [px], shape (N, 2). Carries no gradient; (0, 0)
             marks a culled gaussian.
         opacities: Peak opacity, shape (N,).
@@ -33,7 +34,7 @@ class Projection(NamedTuple):
 
     centers: torch.Tensor
     depths: torch.Tensor
-    conics: torch.Tensor
+    roots: torch.Tensor
     extents: torch.Tensor
     opacities: torch.Tensor
     depth_slopes: torch.Tensor | None = None

@@ -21,6 +21,10 @@ TIE_TIME, TIE_ERROR = 0.03, 0.01
 """Shares by which two times and two errors may differ and still count as equal: what repeats of a measurement
 differ by on a quiet machine, and what no eye sees."""
 
+SLOW = 0.5
+"""Seconds from which a way to render is timed once: its share of noise is small, and repeats would take most
+of the command's time."""
+
 
 @dataclass(frozen=True)
 class Error:
@@ -84,6 +88,8 @@ class Found:
 def measure(subject: Subject, ways: Iterable[Way], repeats: int) -> dict[Way, Found]:
     """Measure ways to render a scene; each repeat runs all of them in turn, so that all meet the same noise.
 
+    The slow ones run in the first repeat only.
+
     Args:
         subject: The scene and its camera.
         ways: `STANDARD` among them.
@@ -95,6 +101,8 @@ def measure(subject: Subject, ways: Iterable[Way], repeats: int) -> dict[Way, Fo
     with quiet():
         for repeat in tqdm(range(repeats + 1), subject.name, unit="run", leave=False):
             for way, seconds in times.items():
+                if seconds and sum(seconds[0]) > SLOW:
+                    continue
                 result = rendered(subject, way)
                 if repeat == 0:
                     first[way] = result
@@ -112,8 +120,8 @@ def measure(subject: Subject, ways: Iterable[Way], repeats: int) -> dict[Way, Fo
     }
 
 
-def rendered(subject: Subject, way: Way) -> Rendered:
-    """Render a scene, and send a seeded gradient back through it."""
+def rendered(subject: Subject, way: Way, pixels: torch.Tensor | None = None) -> Rendered:
+    """Render a scene, and send a seeded gradient back through it, from some pixels (H, W) alone if given."""
     full, leaves = subject.camera, subject.gaussians.detached().requires_grad_()
     camera = full
     if way.image_scale != 1.0:
@@ -128,6 +136,8 @@ def rendered(subject: Subject, way: Way) -> Rendered:
 
     random = torch.Generator().manual_seed(0)
     adj_color = torch.randn(color.shape, generator=random, dtype=torch.float64).to(color)
+    if pixels is not None:
+        adj_color[~pixels] = 0.0
     parameters = dict(leaves.named())
     start = time.perf_counter()
     found = torch.autograd.grad(color, list(parameters.values()), adj_color)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import geometric_mean
-from typing import Any
 
 from diga3d_warp.bench.accuracy.knobs import KNOBS, PRESETS, STANDARD, Way, ways
 from diga3d_warp.bench.accuracy.measure import Error, Found, error, measure, pareto_front, ratios
 from diga3d_warp.bench.accuracy.reprojection import reprojection_table
+from diga3d_warp.bench.accuracy.rounding import NOTE, rounding, rounding_table
 from diga3d_warp.bench.accuracy.scenes import Subject, captured, subjects
-from diga3d_warp.bench.page import plot, require_plots, write_page
+from diga3d_warp.bench.page import name_points, plot, require_plots, write_page
 from diga3d_warp.evaluation.tables import Table
 
 Results = Mapping[str, Mapping[Way, Found]]
@@ -41,6 +41,7 @@ def bench_accuracy(out: Path, repeats: int, scene: Path | None) -> list[Table]:
     tables = [
         preset_table(results),
         knob_table(results),
+        rounding_table({subject.name: rounding(subject) for subject in measured}),
         reprojection_table(repeats),
         *(scene_table(subject, results[subject.name], names) for subject in measured),
     ]
@@ -68,7 +69,9 @@ equal.
 
 def notes() -> str:
     """What a reader must know: how errors and times are meant, and what each knob gives up."""
-    return NOTES + "".join(f"- **{knob.name}** (`{knob.attribute}`): {knob.meaning}.\n" for knob in KNOBS)
+    return (
+        NOTES + NOTE + "".join(f"- **{knob.name}** (`{knob.attribute}`): {knob.meaning}.\n" for knob in KNOBS)
+    )
 
 
 def preset_table(results: Results) -> Table:
@@ -153,6 +156,7 @@ def draw(path: Path, results: Results) -> None:
     points = dict(zip(_ways_of(results), _points(results), strict=True))
     front = pareto_front(list(points.values()))
     best = sorted(point for point, on in zip(points.values(), front, strict=True) if on)
+    named: list[tuple[str, tuple[float, float]]] = []
     with plot(path, 2) as (whole, own):
         whole.plot(*zip(*best, strict=True), color="0.8", linewidth=6, solid_capstyle="round", label="front")
         for knob in KNOBS:
@@ -163,22 +167,18 @@ def draw(path: Path, results: Results) -> None:
             turned = {label: way for label, way in knob.settings.items() if way != knob.exact}
             places = [(points[way][0], _own_error(results, way, knob.exact)) for way in turned.values()]
             own.plot(*zip(*places, strict=True), marker="o", markersize=4, linewidth=1, label=knob.name)
-            for label, place in zip(turned, places, strict=True):
-                _name(own, label, place)
-        for name, way in PRESETS.items():
+            named += zip(turned, places, strict=True)
+        for way in PRESETS.values():
             whole.plot(*points[way], marker="*", markersize=12, color="black", linestyle="none")
-            _name(whole, name, points[way])
         whole.set_title("Root mean square error of colour", loc="left", fontsize=10)
         own.set_title("Each knob's own error", loc="left", fontsize=10)
         for axes in (whole, own):
             axes.set(xscale="log", yscale="log", xlabel="time, in those of STANDARD")
         whole.legend(frameon=False, fontsize=7)
+        name_points(whole, [(name, points[way]) for name, way in PRESETS.items()])
+        name_points(own, named)
 
 
 def _own_error(results: Results, way: Way, exact: Way) -> float:
     """Root mean square difference that one knob makes, geometric mean over the scenes."""
     return geometric_mean(error(each[way], each[exact]).root_mean_square for each in results.values())
-
-
-def _name(axes: Any, text: str, point: tuple[float, float]) -> None:
-    axes.annotate(text, point, xytext=(5, 4), textcoords="offset points", fontsize=7)
