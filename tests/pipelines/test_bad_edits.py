@@ -43,6 +43,35 @@ def test_prompts(room, refused, command, prompt, said):
     refused([command, str(room), "--prompt", prompt], said)
 
 
+def test_a_prompt_without_a_solid(room, refused):
+    refused(["replace", str(room), "--prompt", "a wooden unicorn"], "names no built-in solid")
+
+
+@pytest.mark.parametrize("command", [["retexture"], ["replace", "--prompt", "a cube"]])
+def test_pictures_of_a_material(room, refused, tmp_path, command):
+    (tmp_path / "wood.jpg").write_text("hello")
+    for file, said in (("wood.jpg", "not readable as an image"), ("absent.jpg", "no such picture")):
+        refused([*command, str(room), "--exemplar", str(tmp_path / file)], f"{file}: {said}")
+
+
+def test_a_picture_is_for_a_built_in_solid(room, refused):
+    words = ["replace", str(room), "--asset", "a.glb", "--exemplar", "b.jpg"]
+    refused(words, "--exemplar is the material of a built-in solid")
+
+
+def test_a_material_is_named_or_shown(capsys):
+    for words in ([], ["--prompt", "gold", "--exemplar", "gold.jpg"]):
+        with pytest.raises(SystemExit) as stop:
+            cli.main(["retexture", "scene", "--out", "run", *words])
+        assert stop.value.code == 2
+        error = capsys.readouterr().err
+        assert "--exemplar" in error and error.count("\n") == 1
+
+
+def absent(path: Path) -> None:
+    """No file."""
+
+
 def text(path: Path) -> None:
     path.write_text("this is no mesh")
 
@@ -70,6 +99,7 @@ def splat_of_nothing(path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "spoil"),
     [
+        ("absent.glb", absent),
         ("folder.glb", Path.mkdir),
         ("text.glb", text),
         ("text.obj", text),

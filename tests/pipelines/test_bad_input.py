@@ -169,14 +169,6 @@ def test_a_mask_folder_without_masks(scene, tmp_path, capfd):
     assert not (tmp_path / "run").exists()
 
 
-def test_more_references_than_views(scene, tmp_path, capfd):
-    refused(
-        ["remove", str(scene), "--out", str(tmp_path / "run"), "--references", "8"],
-        "8 references cannot be chosen from 7 views", capfd,
-    )  # fmt: skip
-    assert not (tmp_path / "run").exists()
-
-
 @pytest.mark.parametrize("command", ["fit", "remove"])
 @pytest.mark.parametrize(
     "place", ["file", "under a file", "other things", pytest.param("/proc/self/run", marks=PROC)]

@@ -12,7 +12,6 @@ import pytest
 import torch
 from tiny_removal import SETTINGS
 
-from diga3d_warp import cli
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.lift import object_share
 from diga3d_warp.gaussians.parameters import Gaussians
@@ -104,22 +103,6 @@ def test_resume_gives_the_same_bytes(golden, removed, tmp_path):
     assert torch.equal(again.sh, golden.gaussians.sh)
 
 
-@pytest.mark.parametrize(
-    ("prompt", "said"),
-    [
-        ("", "the prompt is empty"),
-        ("x" * 10_000, "10000 characters"),
-        ("kryptonite", "names no built-in"),
-    ],
-)
-def test_prompts_that_cannot_be_used_leave_nothing(room, tmp_path, capfd, prompt, said):
-    words = ["retexture", str(room), "--prompt", prompt, "--out", str(tmp_path / "run")]
-    assert cli.main(words) == 2
-    error = capfd.readouterr().err
-    assert said in error and error.count("\n") == 1
-    assert not (tmp_path / "run").exists()
-
-
 def test_masks_that_lift_to_nothing(removed, tmp_path):
     nothing = removed.scene.with_masks([np.zeros_like(view.mask) for view in removed.scene.views])
     with pytest.raises(InputError, match="lift to no gaussian"):
@@ -135,32 +118,3 @@ def test_an_object_takes_the_material_of_a_picture(removed, tmp_path):
         inside = cv2.erode(view.mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         red, green, blue = picture(run, f"views/after/{view.name}.png")[inside].mean(axis=0)
         assert blue > 1.5 * green > 1.5 * red
-
-
-@pytest.mark.parametrize(
-    "words",
-    [["retexture"], ["replace", "--prompt", "a cube"]],
-)
-def test_pictures_that_cannot_be_used_leave_nothing(room, tmp_path, capfd, words):
-    (tmp_path / "wood.jpg").write_text("hello")
-    for file, said in (("wood.jpg", "not readable as an image"), ("absent.jpg", "no such picture")):
-        given = [*words, str(room), "--exemplar", str(tmp_path / file), "--out", str(tmp_path / "run")]
-        assert cli.main(given) == 2
-        error = capfd.readouterr().err
-        assert f"{file}: {said}" in error and error.count("\n") == 1
-    assert not (tmp_path / "run").exists()
-
-
-def test_a_picture_is_for_a_built_in_solid(room, tmp_path, capfd):
-    words = ["replace", str(room), "--asset", "a.glb", "--exemplar", "b.jpg", "--out", str(tmp_path / "run")]
-    assert cli.main(words) == 2
-    assert "--exemplar is the material of a built-in solid" in capfd.readouterr().err
-
-
-def test_a_material_is_named_or_shown(capsys):
-    for words in ([], ["--prompt", "gold", "--exemplar", "gold.jpg"]):
-        with pytest.raises(SystemExit) as stop:
-            cli.main(["retexture", "scene", "--out", "run", *words])
-        assert stop.value.code == 2
-        error = capsys.readouterr().err
-        assert "--exemplar" in error and error.count("\n") == 1
