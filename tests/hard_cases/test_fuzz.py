@@ -13,12 +13,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from diga3d_warp.config import Accuracy, Effects
+from diga3d_warp.config import SPLATTING, Accuracy, Effects
+from diga3d_warp.gaussians.exposure import IDENTITY, Exposures, best_transform, exposed
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera, Distortion
 from diga3d_warp.splatting.reproject import reproject
 from poison import FIELDS, POISON, check, images, rendered
-from scenes import LENSES, random_gaussians
+from scenes import LENSES, camera_at, random_gaussians
 
 EXAMPLES = int(os.environ.get("DIGA3D_FUZZ", "0"))
 
@@ -39,6 +40,7 @@ VARIANTS = {
     "bare": (Effects(sh_degree=0, depth=False, background=False, lens=False), Accuracy.DRAFT),
     "everything": (Effects(antialias=True, normals=True, median_depth=True), Accuracy.STANDARD),
     "exact": (Effects(sh_degree=1), Accuracy.EXACT),
+    "circle": (Effects(), Accuracy(extent="circle")),
 }
 """Few, because each one is kernels to compile."""
 
@@ -106,6 +108,27 @@ def test_renderings(gaussians, camera, variant):
     for name, leaf in leaves.items():
         assert (leaf.grad is None) == (others[name].grad is None)
         assert leaf.grad is None or torch.equal(leaf.grad, others[name].grad), name
+
+
+@fuzzed(100)
+@given(st.data())
+def test_exposures(data):
+    """Renderings that are black, flat or as bright as a renderer can be, and photographs of any kind."""
+    random = torch.Generator().manual_seed(data.draw(st.integers(0, 99)))
+    levels = st.sampled_from((0.0, 1e-45, 1e-20, 0.5, 1.0, SPLATTING.color_max))
+    color = data.draw(levels) + data.draw(levels) * torch.rand(5, 7, 3, generator=random)
+    photograph = torch.rand(5, 7, 3, generator=random) * data.draw(st.sampled_from((0.0, 1.0)))
+    weight = data.draw(st.sampled_from((None, torch.zeros(5, 7), torch.rand(5, 7, generator=random))))
+    exposures = Exposures([camera_at()] * data.draw(st.sampled_from((1, 3, 40))))
+    before = (color - photograph).square().mean()
+    for _ in range(3):
+        exposures.update(0, color, photograph, weight)
+    assert exposures.transforms.isfinite().all()
+    assert exposed(color, exposures.transforms[0]).isfinite().all()
+    torch.testing.assert_close(exposures.transforms.mean(0), IDENTITY, atol=1e-4, rtol=0)
+    alone = best_transform(color, photograph, None, IDENTITY)
+    if color.max() <= 1.0:  # beyond, float32 has no digits left for the difference
+        assert (exposed(color, alone) - photograph).square().mean() <= 1.5 * before + 1e-6
 
 
 def test_most_scenes_of_the_fuzz_are_not_blank():
