@@ -18,7 +18,7 @@ import warp as wp
 
 from diga3d_warp.config import TILE
 from diga3d_warp.kernels.binning import Bins
-from diga3d_warp.kernels.blending import Blending, Lanes, lanes_of, rules
+from diga3d_warp.kernels.blending import Blending, Lanes, lanes_of, rules, total_function
 from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.ordering import WINDOW, nearest_function
 from diga3d_warp.kernels.precision import types_of
@@ -42,15 +42,9 @@ def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares:
     ints = wp.types.vector(size, int)
     row_of = share_row(blending)
     unit, response, clipped, survives, _, block_range = rules(blending)
+    total = total_function(size, real)
     value_planes = 3 * blocks if shares else 1
     kept_planes = max(1, strongest * blocks)
-
-    @wp.func
-    def total(lanes: vec) -> real:
-        result = vec(real(0.0))[0]
-        for q in range(size):
-            result += lanes[q]
-        return result
 
     @wp.kernel(module="unique", module_options=OPTIONS)
     def attribute(

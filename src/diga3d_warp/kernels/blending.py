@@ -120,6 +120,21 @@ def notes_changes(lanes: Lanes) -> bool:
     return lanes.region == TILE
 
 
+@cache
+def total_function(size: int, real: Any) -> Any:
+    """Warp function: the sum over `size` lanes."""
+    vec = wp.types.vector(size, real)
+
+    @wp.func
+    def total(lanes: vec) -> real:
+        result = vec(real(0.0))[0]
+        for q in range(size):
+            result += lanes[q]
+        return result
+
+    return total
+
+
 class Exponential(NamedTuple):
     """exp(x) on [-reach, 0] as p(x / 2^squarings)^(2^squarings).
 

@@ -18,7 +18,7 @@ import warp as wp
 from diga3d_warp.config import SPLATTING, TILE
 from diga3d_warp.kernels import ordering
 from diga3d_warp.kernels.binning import Bins
-from diga3d_warp.kernels.blending import Blending, Lanes, lanes_of, notes_changes, rules
+from diga3d_warp.kernels.blending import Blending, Lanes, lanes_of, notes_changes, rules, total_function
 from diga3d_warp.kernels.gradient_rows import GEOMETRY, gather, gradient_row
 from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.precision import types_of
@@ -50,13 +50,7 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
     ints = wp.types.vector(size, int)
     row_of = gradient_row(blending)
     unit, response, clipped, survives, features, block_range = rules(blending)
-
-    @wp.func
-    def total(lanes: vec) -> real:
-        result = vec(real(0.0))[0]
-        for q in range(size):
-            result += lanes[q]
-        return result
+    total = total_function(size, real)
 
     @wp.kernel(module="unique", module_options=OPTIONS)
     def composite_adjoint(
