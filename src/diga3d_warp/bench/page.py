@@ -72,14 +72,25 @@ def plot(path: Path, panels: int = 1) -> Iterator[Any]:
         figure.savefig(partial, dpi=DOTS)
 
 
-BESIDE = [(side * 5, y) for y in (4, -10, 13, -19, 22, -28) for side in (1, -1)]
+BESIDE = [(5 * side, y) for pair in ((4, -10), (13, -19), (22, -28)) for side in (1, -1) for y in pair]
 """Where a name may stand beside its point, the best place first [points]."""
+
+MARK = 4.0
+"""Half the side of the square about a point that names keep clear of [px]."""
 
 
 def name_points(axes: Any, points: Sequence[tuple[str, tuple[float, float]]]) -> None:
-    """Write names beside points, none over another where there is room; scales must be set before."""
+    """Write names beside points, none over another or over a point where there is room.
+
+    The scales of the axes must be set before.
+    """
+    from matplotlib.transforms import Bbox
+
     axes.figure.draw_without_rendering()
-    taken: list[Any] = []
+    taken = [
+        Bbox.from_bounds(x - MARK, y - MARK, 2 * MARK, 2 * MARK)
+        for x, y in axes.transData.transform([point for _, point in points])
+    ]
     for text, point in points:
         name = axes.annotate(text, point, xytext=BESIDE[0], textcoords="offset points", fontsize=7)
         for place in BESIDE:
