@@ -54,6 +54,19 @@ def test_an_empty_mask_changes_nothing(images):
     )
 
 
+def test_settled_references_stay_as_they_are(images, masks):
+    """They leave what they show at each timestep, as noisy as the other views are then."""
+    prior = GaussianPrior(attention=0.3)
+    free, kept = (
+        list(inpaint_views(prior, images, masks, PLAIN, SETTINGS, references=[0], settled=settled))
+        for settled in (False, True)
+    )
+    torch.testing.assert_close(kept[0], images[0])
+    assert (free[0] - images[0]).abs().max() > 0.05
+    assert not torch.equal(kept[1], free[1]), "what the reference shows is read by the other view"
+    torch.testing.assert_close(kept[1][~masks[1]], images[1][~masks[1]])
+
+
 def test_from_inverted_images_an_unchanged_prompt_changes_little(images, masks):
     """And a changed one moves the image by as much as the means differ, keeping its structure."""
     prior, settings = GaussianPrior(), SamplingSettings(steps=100)

@@ -64,6 +64,18 @@ def test_holes_are_filled_and_nothing_else_changes(attending, fills, backgrounds
         assert (attending[i].depth[unseen] > 0).all() and (attending[i].depth[~unseen] == 0).all()
 
 
+def blueness(fill, where):
+    return float((fill.image[where][:, 2] - fill.image[where][:, 0]).mean())
+
+
+def test_attention_brings_the_reference_s_colour(attending, fills, backgrounds, depths):
+    """The tint stands in the reference alone, not in any view's surroundings."""
+    alone = propagated(fills, backgrounds, depths, attend=False)
+    for i in (1, 2):
+        unseen = backgrounds[i].unseen
+        assert blueness(attending[i], unseen) > blueness(alone[i], unseen) + 0.1
+
+
 def test_without_weight_attention_is_none(fills, backgrounds, depths):
     nothing = propagated(fills, backgrounds, depths, replace(QUICK, afp_weight=0.0))
     alone = propagated(fills, backgrounds, depths, attend=False)

@@ -90,7 +90,7 @@ def search_kernel(form: PatchForm) -> wp.Kernel:
         source: wp.array(dtype=float),
         scale: wp.array(dtype=float),
         source_width: int,
-        along: wp.vec2,
+        along: wp.vec4,
         apart: float,
         candidates: wp.array(dtype=int),
         draws: int,
@@ -163,8 +163,8 @@ def search_kernel(form: PatchForm) -> wp.Kernel:
                     if best[slot] == key:
                         worth = float(0.0)
             if worth > 0.0:
-                dx_key = float(key % source_width - x)
-                dy_key = float(key // source_width - y)
+                dx_key = float(key % source_width - x) - along[2]
+                dy_key = float(key // source_width - y) - along[3]
                 agreed = float(0.0)
                 for place in range(8):
                     if led[place] == key:
@@ -286,7 +286,7 @@ class Keys:
 
 
 def search(
-    form: PatchForm, queries: Queries, keys: Keys, along: tuple[float, float], candidates: wp.array,
+    form: PatchForm, queries: Queries, keys: Keys, along: Sequence[float], candidates: wp.array,
     outputs: list[wp.array], *, apart: float, draws: int, spread: float, seed: int,
 ) -> None:  # fmt: skip
     """One step of the search: each query's nearest among known, neighbours' and random candidates.
@@ -294,7 +294,8 @@ def search(
     Args:
         form: Of the patches.
         queries, keys: Patches; all arrays on one device.
-        along: Cost of the way between centres, per px^2 across and down (a_x, a_y).
+        along: Cost of the way between centres, per px^2 across and down, and the way that costs nothing [px]:
+            (a_x, a_y, s_x, s_y).
         candidates: Of the step before, shape [N * kept], int32; -1 for none.
         outputs: Candidates, int32, and their distances, float32, shape [N * kept].
         apart: Cost b of a candidate that no neighbour agrees with.
@@ -306,7 +307,7 @@ def search(
         search_kernel(form), queries.pixels.size,
         [
             queries.pixels, queries.slots, queries.image, queries.weights, queries.width, keys.image,
-            keys.scale, keys.width, wp.vec2(*along), apart, candidates, draws, spread, seed,
+            keys.scale, keys.width, wp.vec4(*along), apart, candidates, draws, spread, seed,
         ],
         outputs, device=queries.pixels.device, work=10 * (form.kept + 8 + draws), uneven=True,
     )  # fmt: skip

@@ -74,7 +74,7 @@ def propagate(
                 bar.update(done - bar.n)
 
             found = propagate_appearance(
-                prior, fills, backgrounds, depths, references, method.sampling,
+                prior, fills, backgrounds, depths, references, method.sampling_for(prior),
                 attend=method.propagation == "attention", seed=seed, progress=progress,
                 say=lambda plan: print(plan, file=sys.stderr),
             )  # fmt: skip

@@ -24,16 +24,21 @@ class Method:
         propagation: How the other views come to agree with the references: by "attention" (AFP, paper
             Sec. 3.2), by "warp" (the references' fill carried by its depth), or with "none" each view,
             references too, is filled for itself.
-        sampling: Of the other views under "attention" and "none". Below full strength they start from the
-            warped fill.
+        sampling: Of the other views under "attention" and "none"; None for what suits the prior. Below full
+            strength they start from the warped fill, but for "none".
         distillation: TG-SDS (paper Sec. 3.3); None leaves the fine stage out.
     """
 
     references: int = 3
     selection: Literal["kmeans", "random"] = "kmeans"
     propagation: Propagation = "attention"
-    sampling: SamplingSettings = field(default_factory=SamplingSettings)
+    sampling: SamplingSettings | None = None
     distillation: DistillationSettings | None = field(default_factory=DistillationSettings)
+
+    def sampling_for(self, prior: DiffusionPrior) -> SamplingSettings:
+        """How to sample with a prior."""
+        sampling = self.sampling or prior.sampling
+        return replace(sampling, strength=1.0) if self.propagation == "none" else sampling
 
     def summary(self) -> dict[str, Any]:
         """For the manifest of a run."""

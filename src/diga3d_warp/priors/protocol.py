@@ -13,6 +13,7 @@ from diga3d_warp.errors import InputError
 if TYPE_CHECKING:
     from diga3d_warp.priors.attention import AttentionBank
     from diga3d_warp.priors.guidance import Guidance
+    from diga3d_warp.priors.sampling import SamplingSettings
     from diga3d_warp.priors.schedule import Schedule
 
 Task = Literal["remove", "retexture", "replace"]
@@ -76,12 +77,14 @@ class Conditioning:
             inpainting UNet mask and masked latents; what another prior puts here is its own affair.
         prepared: What the prior has worked out of each image once, for all timesteps, B entries on its
             device; None if it works out nothing.
+        settled: Whether `latent` shows what was to be invented already, as of a reference that is filled.
     """
 
     latent: torch.Tensor
     mask: torch.Tensor
     channels: torch.Tensor | None = None
     prepared: tuple[Any, ...] | None = None
+    settled: bool = False
 
     def rows(self, rows: Sequence[int], device: torch.device) -> Conditioning:
         """The conditioning of some of the images, on a device."""
@@ -146,6 +149,11 @@ class DiffusionPrior(Prior, Protocol):
     @property
     def guidance(self) -> Guidance:
         """Towards what and away from what: the prompts that the prior was made with."""
+        ...
+
+    @property
+    def sampling(self) -> SamplingSettings:
+        """How views are best sampled."""
         ...
 
     @property

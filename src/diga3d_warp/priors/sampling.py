@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -45,12 +45,14 @@ class ViewLatents:
         cond: Known parts, N rows.
         controls: Images to follow, N rows each.
         noise: Noise of the known part where the prior does not heed it itself; `start` if None.
+        settled: The references' latents show what they shall: each timestep starts from them anew.
     """
 
     start: torch.Tensor
     cond: Conditioning
     controls: tuple[Control, ...] = ()
     noise: torch.Tensor | None = None
+    settled: bool = False
 
     def __len__(self) -> int:
         return len(self.start)
@@ -94,20 +96,26 @@ def sample_views(
     others = [index for index in range(len(views)) if index not in set(references)]
     z = views.start.clone()
     timesteps = prior.schedule.timesteps(settings.steps, settings.strength)
+    settled = list(references) if views.settled else []
+    clean, started = views.cond.latent[settled], views.start[settled]
+    settled_noise = prior.schedule.noise_between(started, clean, timesteps[0])
     prior.install_attention(bank)
     try:
         for done, t in enumerate(timesteps, start=1):
             to = timesteps[done] if done < len(timesteps) else None
-            turns = [(list(references), bank.writing), (others, bank.reading if references else nullcontext)]
-            for indices, within in turns:
+            z[settled] = prior.schedule.add_noise(clean, settled_noise, t)
+            reading = bank.reading if references else nullcontext
+            turns = [(list(references), bank.writing, views.settled), (others, reading, False)]
+            for indices, within, fixed in turns:
                 for first in range(0, len(indices), settings.batch):
                     rows = indices[first : first + settings.batch]
-                    z[rows] = _step(prior, views, z[rows], rows, t, to, guidance, within)
+                    z[rows] = _step(prior, views, z[rows], rows, t, to, guidance, within, fixed)
             bank.clear()
             if progress is not None:
                 progress(done)
     finally:
         prior.install_attention(None)
+    z[settled] = clean
     return z
 
 
@@ -120,9 +128,10 @@ def _step(
     to: int | None,
     guidance: Guidance,
     within: Callable[[Half], AbstractContextManager[object]],
+    settled: bool,
 ) -> torch.Tensor:
     """Some views from one timestep to the next, host to host."""
-    cond = views.cond.rows(rows, prior.device)
+    cond = replace(views.cond.rows(rows, prior.device), settled=settled)
     controls = [control.rows(rows, prior.device) for control in views.controls]
     here = z.to(prior.device)
     noise = guided_noise(prior, here, t, guidance, cond, controls, within)

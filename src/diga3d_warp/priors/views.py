@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -40,6 +40,7 @@ def inpaint_views(
     settings: SamplingSettings | None = None,
     *,
     references: Sequence[int] = (),
+    settled: bool = False,
     controls: Sequence[ViewControl] = (),
     source: Any = None,
     seed: int = 0,
@@ -57,6 +58,7 @@ def inpaint_views(
         guidance: Prompts and their weight.
         settings: How to sample.
         references: Indices of the views that the others attend to.
+        settled: Whether the references' images are filled already: those stay as they are.
         controls: Edges and depth to follow.
         source: Prompt half (`Prompts.positive` of a prompt) that describes the images as they are: sampling
             starts from their DDIM inversion. If None it starts from noise, the same for all views.
@@ -76,7 +78,7 @@ def inpaint_views(
         counts = [len(images), len(masks), *(len(c.images) for c in controls)]
         raise InputError(f"numbers of images, masks and controls differ or are zero: {counts}")
     size = prior.native_size(*images[0].shape[:2])
-    views = _encode(prior, images, masks, controls, size, source, settings, seed)
+    views = replace(_encode(prior, images, masks, controls, size, source, settings, seed), settled=settled)
     if say is not None:
         say(str(plan_sampling(prior, views, guidance, settings, references)))
     z = sample_views(prior, views, guidance, settings, references=references, progress=progress)

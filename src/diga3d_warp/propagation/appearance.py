@@ -1,7 +1,7 @@
 """Views that fill their own hole while they attend to the references (paper Sec. 3.2).
 
-The references are filled already. They take part as views in which all is known: at each timestep they leave
-the keys and values of their fill, and stay as they are.
+The references are filled already: at each timestep they leave the keys and values of their fill, and stay as
+they are.
 """
 
 from __future__ import annotations
@@ -59,12 +59,12 @@ def propagate_appearance(
     if not others:
         return found
     rows = [*references.indices, *others] if attend else others
-    masks = [torch.from_numpy(backgrounds[i].unseen & (i not in fixed)) for i in rows]
+    masks = [torch.from_numpy(backgrounds[i].unseen) for i in rows]
     images = [_begun(fills[i]) for i in rows]
     count = len(rows) - len(others)
     painted = inpaint_views(
-        prior, images, masks, prior.guidance, sampling, references=range(count), seed=seed, say=say,
-        progress=progress,
+        prior, images, masks, prior.guidance, sampling, references=range(count), settled=True, seed=seed,
+        say=say, progress=progress,
     )  # fmt: skip
     for i, image in zip(rows, painted, strict=True):
         if i not in fixed:

@@ -14,7 +14,7 @@ from diga3d_warp.priors.stable_diffusion.load import load_stable_diffusion
 
 def load(checkpoints, device):
     return load_stable_diffusion(
-        checkpoints / "sd", device=device, settings=SamplingSettings(steps=3), controls=("edges",)
+        checkpoints / "sd", device=device, sampling=SamplingSettings(steps=3), controls=("edges",)
     )
 
 

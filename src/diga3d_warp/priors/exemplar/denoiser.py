@@ -7,6 +7,8 @@ still be told apart gives the estimate. What detail lies below that is noise, an
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 
 from diga3d_warp.priors.exemplar.posterior import (
@@ -33,6 +35,7 @@ def posterior_mean(
     source: Source,
     patches: PatchSettings = PATCHES,
     settings: FillSettings = FILL,
+    shift: tuple[float, float] = (0.0, 0.0),
 ) -> torch.Tensor:
     """What a noisy image most likely was, given that its patches come from a source.
 
@@ -46,6 +49,7 @@ def posterior_mean(
         source: Where patches come from. One from another camera may have another size; its controls are
             as many as those of `known`.
         patches, settings: How.
+        shift: The way from a pixel to where a placed source shows the same, across and down [px].
 
     Returns:
         Shape (H, W, 3); known pixels as they are. Where the source has hardly a whole patch at any scale, the
@@ -67,7 +71,9 @@ def posterior_mean(
         here = query_at(known, size, shrink, patches)
         ratio = size[0] / missing.shape[0], size[1] / missing.shape[1]
         there = tuple(max(round(n * r), 1) for n, r in zip(source.usable.shape, ratio, strict=True))
-        keys = source.at((there[0], there[1]), patches)
+        keys = replace(
+            source.at((there[0], there[1]), patches), shift=(shift[0] * ratio[1], shift[1] * ratio[0])
+        )
         if keys.count < settings.keys_min or not here.missing.any():
             continue
         seen, _ = shrunk(noisy, missing, size)

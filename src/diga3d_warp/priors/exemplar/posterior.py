@@ -55,9 +55,9 @@ def attend_all(query: QueryScale, source: SourceScale, image: torch.Tensor, nois
     weights = unfolded(query.weights(noise), s.side)[pixels]
     distances = weights @ keys.square().T - 2.0 * (weights * q) @ keys.T
     distances += (weights * q.square()).sum(1, keepdim=True)
-    across, down = way_costs(query, source, noise)
-    step_x = pixels[:, None] % query.width - places % source.centers.shape[1]
-    step_y = pixels[:, None] // query.width - places // source.centers.shape[1]
+    across, down, shift_x, shift_y = way_costs(query, source, noise)
+    step_x = pixels[:, None] % query.width - places % source.centers.shape[1] + shift_x
+    step_y = pixels[:, None] // query.width - places // source.centers.shape[1] + shift_y
     distances = distances.clamp(min=0.0) + across * step_x.square() + down * step_y.square()
     means = (torch.softmax(-distances, 1) @ keys).view(len(pixels), -1, channels)[..., :3]
     nearest = torch.topk(distances, min(s.kept, len(places)), 1, largest=False)
@@ -160,13 +160,13 @@ def handed_down(
     return torch.where(valid, fine_y * fine_source[1] + fine_x, -1).int().contiguous()
 
 
-def way_costs(query: QueryScale, source: SourceScale, noise: float) -> tuple[float, float]:
-    """Cost of the way to a key across and down, per px^2, in units of `distances`."""
+def way_costs(query: QueryScale, source: SourceScale, noise: float) -> tuple[float, float, float, float]:
+    """Cost of the way to a key, across and down, per px^2 in units of `distances`; and `SourceScale.shift`."""
     if not source.placed:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0
     s = query.settings
     unit = query.unit(noise) * query.urgency / (query.size[0] ** 2 + query.size[1] ** 2)
-    return unit * s.across, unit * s.down
+    return unit * s.across, unit * s.down, *source.shift
 
 
 def window(settings: PatchSettings) -> torch.Tensor:

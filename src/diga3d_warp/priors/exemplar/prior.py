@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from torch.utils.weak import WeakTensorKeyDictionary
 
 from diga3d_warp.errors import InputError
@@ -19,6 +20,7 @@ from diga3d_warp.priors.exemplar.settings import FILL, PATCHES, FillSettings, Pa
 from diga3d_warp.priors.exemplar.source import Source, depth_control, edge_control
 from diga3d_warp.priors.guidance import GUIDANCE, Guidance
 from diga3d_warp.priors.protocol import Conditioning, Control, ControlKind, Prompts, Task, check_fill
+from diga3d_warp.priors.sampling import SamplingSettings
 from diga3d_warp.priors.schedule import Schedule
 
 LAYER = "patches"
@@ -54,6 +56,8 @@ class ExemplarPrior:
     name = "exemplar"
     mask_aware = True
     control_kinds: tuple[ControlKind, ...] = ("edges", "depth")
+    sampling = SamplingSettings(steps=20, strength=0.3)
+    """Patches know no perspective: views start from the warped fill, and only its details are redrawn."""
 
     def __init__(
         self,
@@ -154,37 +158,72 @@ class ExemplarPrior:
             planes = [_control_plane(control, row, self.patches) for control in controls]
             if planes:
                 known = known.with_controls(torch.stack(planes, -1).to(known.image))
-            means.append(self._attend(z[row].permute(1, 2, 0) / alpha**0.5, noise, known, text))
+            means.append(self._attend(z[row].permute(1, 2, 0) / alpha**0.5, noise, known, text, cond.settled))
         return self.schedule.noise_between(z, torch.stack(means).permute(0, 3, 1, 2), t)
 
-    def _attend(self, noisy: torch.Tensor, noise: float, known: Source, text: PatchPrompt) -> torch.Tensor:
+    def _attend(
+        self, noisy: torch.Tensor, noise: float, known: Source, text: PatchPrompt, settled: bool
+    ) -> torch.Tensor:
         """Estimate of one view, blended by the bank with those from the references' patches."""
-        own = self._mean(noisy, noise, known, _source_of(text, known))
+        own = known.image if settled else self._mean(noisy, noise, known, _source_of(text, known))
         if self._bank is None:
             return own
-        # What a reference leaves: its clean patches, what is known and what it now makes of the rest.
-        key = torch.cat([own, known.controls], -1)[None]
+        # What a reference leaves: its clean patches, what is known and what it now makes of the rest, and
+        # where that is.
+        key = torch.cat([own, known.controls, ~known.usable[..., None]], -1)[None]
 
         def attention(query: torch.Tensor, keys: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
             if keys is key:
                 return own[None]
             if keys not in self._left:
-                usable = torch.ones_like(known.usable[:1, :1]).expand(keys.shape[1:3])
-                self._left[keys] = Source(values[0], usable, keys[0, ..., 3:], placed=False)
-            return self._mean(query[0], noise, known, self._left[keys])[None]
+                self._left[keys] = _left_by(keys[0], values[0])
+            source, hole = self._left[keys]
+            here = known.once("hole", lambda: _middle(~known.usable))
+            shift = (hole[0] - here[0], hole[1] - here[1]) if hole and here else (0.0, 0.0)
+            return self._mean(query[0], noise, known, source, shift)[None]
 
         return self._bank.attend(LAYER, noisy[None], key, own[None], attention)[0]
 
-    def _mean(self, noisy: torch.Tensor, noise: float, known: Source, source: Source) -> torch.Tensor:
+    def _mean(
+        self,
+        noisy: torch.Tensor,
+        noise: float,
+        known: Source,
+        source: Source,
+        shift: tuple[float, float] = (0.0, 0.0),
+    ) -> torch.Tensor:
         if source.controls.shape[2] == 0:
             known = known.without_controls
-        return posterior_mean(noisy, noise, known, source, self.patches, self.settings)
+        return posterior_mean(noisy, noise, known, source, self.patches, self.settings, shift)
 
 
 def _known(latent: torch.Tensor, mask: torch.Tensor) -> Source:
     """A view (3, H, W) as a source whose masked pixels are not usable."""
     image = latent.permute(1, 2, 0).contiguous()
     return Source(image, mask < 0.5, image.new_zeros(*mask.shape, 0))
+
+
+def _left_by(key: torch.Tensor, image: torch.Tensor) -> tuple[Source, tuple[float, float] | None]:
+    """What a reference left, as a source, and the middle of its hole: a view looks there for its own hole.
+
+    Of a reference with a hole only what it made of that and its rim are taken: in a network, too, what is to be
+    invented attends to what was invented, while most patches of an image show other things.
+    """
+    missing = key[..., -1] > 0.5
+    hole = _middle(missing)
+    if hole is None:
+        return Source(image, torch.ones_like(missing), key[..., 3:-1], placed=False), None
+    reach = int(float(missing.sum()) ** 0.5) // 2
+    near = F.max_pool2d(missing[None, None].float(), 2 * reach + 1, 1, reach)[0, 0] > 0.0
+    return Source(image, near, key[..., 3:-1]), hole
+
+
+def _middle(hole: torch.Tensor) -> tuple[float, float] | None:
+    """Mean place of a hole (H, W), across and down [px]; None if there is none."""
+    if not bool(hole.any()):
+        return None
+    down, across = hole.nonzero().float().mean(0).tolist()
+    return across, down
 
 
 def _source_of(text: PatchPrompt, known: Source) -> Source:

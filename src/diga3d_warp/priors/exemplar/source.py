@@ -87,11 +87,13 @@ class SourceScale:
         features: Colours and controls, shape (h, w, 3 + c).
         centers: Where a usable patch has its centre, shape (h, w), bool.
         placed: As in `Source`.
+        shift: The way from a query to where a placed source shows the same, across and down [px].
     """
 
     features: torch.Tensor
     centers: torch.Tensor
     placed: bool
+    shift: tuple[float, float] = (0.0, 0.0)
 
     @property
     def size(self) -> tuple[int, int]:

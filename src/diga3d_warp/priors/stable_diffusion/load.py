@@ -59,7 +59,7 @@ def load_stable_diffusion(
     positive: str = "",
     negative: str = "",
     task: Task = "remove",
-    settings: SamplingSettings | None = None,
+    sampling: SamplingSettings | None = None,
 ) -> StableDiffusionPrior:
     """A prior by name or folder, with what it needs beside it.
 
@@ -76,7 +76,7 @@ def load_stable_diffusion(
         positive: Prompt of `fill`.
         negative: Negative prompt of `fill`.
         task: Task of `fill`.
-        settings: Sampling of `fill`.
+        sampling: Of views, and of `fill`.
 
     Raises:
         InputError: something is missing, is a pickle, or does not fit; the line says what mends it.
@@ -122,7 +122,7 @@ def load_stable_diffusion(
         positive=positive,
         negative=negative,
         task=task,
-        settings=settings,
+        sampling=sampling,
     )
 
 

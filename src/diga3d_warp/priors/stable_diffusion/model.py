@@ -60,7 +60,7 @@ class StableDiffusionPrior:
         positive: Prompt of `guidance`, under which `fill` works, too.
         negative: Its negative prompt.
         task: Its task.
-        settings: Sampling of `fill`.
+        sampling: Of views, and of `fill`.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class StableDiffusionPrior:
         positive: str = "",
         negative: str = "",
         task: Task = "remove",
-        settings: SamplingSettings | None = None,
+        sampling: SamplingSettings | None = None,
     ) -> None:
         self.name = name
         self.parts = parts
@@ -81,7 +81,7 @@ class StableDiffusionPrior:
         self.dtype = torch.float16 if self.device.type == "cuda" else torch.float32
         self.mask_aware = parts.unet.config.in_channels == 9
         self.prompting = prompting
-        self.settings = settings or SamplingSettings()
+        self.sampling = sampling or SamplingSettings()
         self._own_processors: dict[str, Any] | None = None
         self.control_kinds: tuple[ControlKind, ...] = tuple(parts.controlnets)
         for model in (parts.unet, *parts.controlnets.values()):
@@ -106,7 +106,7 @@ class StableDiffusionPrior:
         self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0, depth: torch.Tensor | None = None
     ) -> torch.Tensor:
         """Fill the masked pixels under `guidance`; see `Prior.fill`. The depth is not used."""
-        return fill_one(self, image, mask, self.guidance, self.settings, seed=seed)
+        return fill_one(self, image, mask, self.guidance, self.sampling, seed=seed)
 
     def native_size(self, height: int, width: int) -> tuple[int, int]:
         """Short side as in training (512 px for version 1.5), long side rounded down to whole cells.
