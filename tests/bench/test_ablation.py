@@ -30,7 +30,7 @@ QUICK = replace(PAPER, references=2, sampling=SamplingSettings(steps=2))
 TRIALS = {
     "full": Trial(QUICK),
     "without TG-SDS": Trial(replace(QUICK, distillation=None)),
-    "weight 0": Trial(replace(QUICK, sampling=replace(QUICK.sampling, afp_weight=0.0))),
+    "weight 0": Trial(replace(QUICK, afp_weight=0.0)),
     "classical": Trial(replace(CARRIED, references=2), prior="classical"),
     "missing": Trial(QUICK, prior="sd-inpainting"),
 }

@@ -22,7 +22,7 @@ def test_what_a_prior_cannot_do_is_refused(choices):
 def test_choices_win_over_what_suits():
     prior = ExemplarPrior()
     chosen = Choices(propagation="none", tg_sds=False, references=2, selection="random").method(prior)
-    assert chosen == Method(2, "random", "none", usual_method(prior).sampling, None)
+    assert chosen == Method(2, "random", "none", distillation=None)
     assert Choices(tg_sds=True).method(prior).distillation is not None
     assert Choices().method(prior) == usual_method(prior)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.pipelines.method import PAPER, Choices, Method
@@ -53,9 +53,8 @@ class FreeText:
 
     @property
     def sampling(self) -> SamplingSettings:
-        """How views are sampled: without propagation, attention to the references weighs nothing."""
-        sampling = self.method.sampling
-        return sampling if self.method.propagation == "attention" else replace(sampling, afp_weight=0.0)
+        """How views are sampled."""
+        return self.method.sampling_for(self.prior)
 
 
 def reads_free_text(choices: Choices) -> bool:

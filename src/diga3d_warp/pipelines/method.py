@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.priors.attention import AFP_WEIGHT
 from diga3d_warp.priors.distillation import DistillationSettings
 from diga3d_warp.priors.named import load_prior
 from diga3d_warp.priors.protocol import ControlKind, DiffusionPrior, Prior, Task
@@ -24,6 +25,7 @@ class Method:
         propagation: How the other views come to agree with the references: by "attention" (AFP, paper
             Sec. 3.2), by "warp" (the references' fill carried by its depth), or with "none" each view,
             references too, is filled for itself.
+        afp_weight: lambda_a of "attention" (Eq. 4) [1].
         sampling: Of the other views under "attention" and "none"; None for what suits the prior. Below full
             strength they start from the warped fill, but for "none".
         distillation: TG-SDS (paper Sec. 3.3); None leaves the fine stage out.
@@ -32,13 +34,16 @@ class Method:
     references: int = 3
     selection: Literal["kmeans", "random"] = "kmeans"
     propagation: Propagation = "attention"
+    afp_weight: float = AFP_WEIGHT
     sampling: SamplingSettings | None = None
     distillation: DistillationSettings | None = field(default_factory=DistillationSettings)
 
     def sampling_for(self, prior: DiffusionPrior) -> SamplingSettings:
         """How to sample with a prior."""
         sampling = self.sampling or prior.sampling
-        return replace(sampling, strength=1.0) if self.propagation == "none" else sampling
+        if self.propagation == "none":
+            return replace(sampling, strength=1.0, afp_weight=0.0)
+        return replace(sampling, afp_weight=self.afp_weight)
 
     def summary(self) -> dict[str, Any]:
         """For the manifest of a run."""

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from diga3d_warp.pipelines.method import CARRIED, PAPER, Method
+from diga3d_warp.priors.attention import AFP_WEIGHT
 from diga3d_warp.priors.distillation import DistillationSettings
-from diga3d_warp.priors.sampling import SamplingSettings
 
 WEIGHTLESS = ("exemplar", "classical")
 """Priors that are always measured; others where their weights and a CUDA device are there."""
@@ -38,7 +38,7 @@ def _without(method: Method = PAPER, *, attention: bool = False, distillation: b
 
 
 def _propagated(weight: float) -> Trial:
-    return Trial(replace(PAPER, sampling=replace(PAPER.sampling, afp_weight=weight)))
+    return Trial(replace(PAPER, afp_weight=weight))
 
 
 def _distilled(weight: float) -> Trial:
@@ -56,7 +56,7 @@ GROUPS: Mapping[str, Mapping[str, Trial]] = {
     },
     "How the fill reaches the other views": {
         "AFP, weight 0": _propagated(0.0),
-        f"AFP, weight {SamplingSettings.afp_weight} (usual)": FULL,
+        f"AFP, weight {AFP_WEIGHT} (usual)": FULL,
         "AFP, weight 1": _propagated(1.0),
         "warped by DIBR, TG-SDS": Trial(replace(PAPER, propagation="warp")),
         "warped by DIBR": Trial(CARRIED),

@@ -161,7 +161,7 @@ def handed_down(
 
 
 def way_costs(query: QueryScale, source: SourceScale, noise: float) -> tuple[float, float, float, float]:
-    """Cost of the way to a key, across and down, per px^2 in units of `distances`; and `SourceScale.shift`."""
+    """Cost of the way to a key, across and down, per px^2 in units of `distances`; and the shift."""
     if not source.placed:
         return 0.0, 0.0, 0.0, 0.0
     s = query.settings

@@ -206,8 +206,8 @@ def _known(latent: torch.Tensor, mask: torch.Tensor) -> Source:
 def _left_by(key: torch.Tensor, image: torch.Tensor) -> tuple[Source, tuple[float, float] | None]:
     """What a reference left, as a source, and the middle of its hole: a view looks there for its own hole.
 
-    Of a reference with a hole only what it made of that and its rim are taken: in a network, too, what is to be
-    invented attends to what was invented, while most patches of an image show other things.
+    Of a reference with a hole only what it made of that, and the rim, are taken: in a network, too, what is
+    to be invented attends to what was invented, while most patches of an image show other things.
     """
     missing = key[..., -1] > 0.5
     hole = _middle(missing)
