@@ -126,7 +126,7 @@ def test_the_order_of_pixels_changes_crossing_discs_and_not_a_stack():
     apart.means[1, 1] += 5.0
     camera = [still_life_camera(64, 48)]
     assert evidence.order_change(crossing, camera, THRESHOLDS) > 1.0
-    assert evidence.order_change(apart, camera, THRESHOLDS) == 0.0
+    assert evidence.order_change(apart, camera, THRESHOLDS) < 1e-4, "two kernels round differently"
 
 
 def test_the_user_decides_and_the_evidence_stays(matte):
