@@ -96,6 +96,21 @@ def test_the_true_images_disagree_by_resampling_alone(measured):
     assert 0 < floor < 0.5 * truth.disagreement(scene, noise)
 
 
+def test_figures_of_filled_views_look_at_their_regions_alone(measured):
+    scene, _, truth, _ = measured
+    assert truth.contrast(truth.images, truth.unseen) == pytest.approx(1.0)
+    faded = [0.5 * image + 0.2 for image in truth.images]
+    assert truth.contrast(faded, truth.unseen) == pytest.approx(0.5, abs=1e-3)
+    regions = [unseen & (np.arange(64) < 32) for unseen in truth.unseen]
+    wrong = [np.where(at[..., None], im + 0.1, 0.0) for im, at in zip(truth.images, regions, strict=True)]
+    assert truth.psnr(wrong, regions) == pytest.approx(20.0, abs=1e-3)
+    assert truth.contrast(wrong, regions) == pytest.approx(1.0, abs=1e-3)
+    empty = [np.where((u & ~at)[..., None], 9.0, im).astype(np.float32)
+             for im, u, at in zip(truth.images, truth.unseen, regions, strict=True)]  # fmt: skip
+    spoiled, left = truth.disagreement(scene, empty), truth.disagreement(scene, empty, regions)
+    assert 0 < left < 0.1 * spoiled, "pixels without a fill are not compared, neither here nor there"
+
+
 def test_the_truth_is_of_the_room_behind_the_vase(measured):
     scene, _, truth, outcomes = measured
     for view, image, depth, unseen in zip(scene.views, truth.images, truth.depths, truth.unseen, strict=True):
@@ -162,7 +177,7 @@ def test_page(monkeypatch, tmp_path):
         image = np.zeros((4, 4, 3), np.float32)
         truth = type("Made up", (), {"images": [], "disagreement": lambda *_: 5.0})()
         return truth, {
-            (trial, seed): Outcome(score, 9.0 + seed, 4.0, 0.01, 12.0, 900, {}, image)
+            (trial, seed): Outcome(score, 18.0, 0.5, 9.0 + seed, 4.0, 0.01, 12.0, 900, {}, image)
             for trial in trials
             for seed in range(seeds)
         }
@@ -177,7 +192,7 @@ def test_page(monkeypatch, tmp_path):
     assert [table.title for table in tables] == list(GROUPS)
     text = (tmp_path / "ablation.md").read_text()
     assert "| without AFP | 30.00 ± 0.00 | 0.900 ± 0.000 | 20.00 ± 0.00 |" in text
-    assert "| 9.50 ± 0.71 | 4.00 ± 0.00 | 1.00 ± 0.00 | 12.0 ± 0.0 | 900 ± 0 |" in text
+    assert "| 18.00 ± 0.00 | 50 ± 0 | 9.50 ± 0.71 | 4.00 ± 0.00 | 1.00 ± 0.00 | 12.0 ± 0.0 |" in text
     assert "| powerpaint: not measured | – |" in text
     assert "**powerpaint** is not measured: no weights." in text
     assert f"`diga3d bench ablation --seeds 2 --out {tmp_path}`" in text

@@ -48,16 +48,22 @@ class Outcome:
 
     Attributes:
         score: Of the held-out views against the room without the object, by region.
-        coarse: Disagreement of the filled views before any fit [levels of 255].
+        coarse_psnr: Of the filled views before any fit against the room without the object, in what no view
+            had seen [dB].
+        coarse_contrast: Deviation of their colours there, relative to that of the true images [1].
+        coarse: Their disagreement there [levels of 255].
         rendered: Disagreement of the same views, rendered from the edited splat [levels of 255].
         depth_error: Median relative depth error of those renderings in what no view had seen [1].
         seconds: Wall time of the stages from the choice of references to the last.
         peak_mib: Largest resident memory of the process in these stages.
-        fills: The filled views by name, RGB in [0, 1], shape (H, W, 3).
+        fills: The filled views by name, RGB in [0, 1], shape (H, W, 3); grey where no fill arrived, which the
+            figures of the filled views leave out, as the fit does.
         shown: One held-out view, rendered, RGB in [0, 1], shape (H, W, 3).
     """
 
     score: dict[str, Score]
+    coarse_psnr: float
+    coarse_contrast: float
     coarse: float
     rendered: float
     depth_error: float
@@ -91,10 +97,39 @@ class Truth:
             [read_mask(stage / f"{view.name}.unseen.png") for view in scene.views],
         )
 
-    def disagreement(self, scene: Scene, images: Sequence[np.ndarray]) -> float:
-        """Of images of the fitted views in what no view had seen, along the true depth [levels of 255]."""
+    def psnr(self, images: Sequence[np.ndarray], regions: Sequence[np.ndarray]) -> float:
+        """Of images of the fitted views within regions, all of them taken together [dB]."""
+        parts = [
+            (image[where] - true[where]).astype(np.float64).ravel()
+            for image, true, where in zip(images, self.images, regions, strict=True)
+        ]
+        return -10.0 * float(np.log10(np.square(np.concatenate(parts)).mean()))
+
+    def contrast(self, images: Sequence[np.ndarray], regions: Sequence[np.ndarray]) -> float:
+        """Deviation of colours within regions, mean over views, relative to the truth's [1]."""
+        shown, true = (
+            [each[where].std(0).mean() for each, where in zip(views, regions, strict=True) if where.any()]
+            for views in (images, self.images)
+        )
+        return float(np.mean(shown) / np.mean(true))
+
+    def disagreement(
+        self, scene: Scene, images: Sequence[np.ndarray], regions: Sequence[np.ndarray] | None = None
+    ) -> float:
+        """Of images of the fitted views in what no view had seen, along the true depth [levels of 255].
+
+        Args:
+            scene: The room.
+            images: RGB in [0, 1], one a fitted view, shape (H, W, 3).
+            regions: The part of `unseen` where the images hold something, shape (H, W), bool; all if None.
+        """
         cameras = [view.camera for view in scene.views]
-        return disagreement(cameras, images, self.depths, self.unseen).difference
+        regions = self.unseen if regions is None else regions
+        depths = [
+            np.where(unseen & ~held, 0.0, depth)
+            for depth, unseen, held in zip(self.depths, self.unseen, regions, strict=True)
+        ]
+        return disagreement(cameras, images, depths, regions).difference
 
 
 def priors_of(trials: Iterable[Trial]) -> dict[str, Prior | str]:
@@ -159,17 +194,25 @@ def outcome_of(scene: Scene, result: RemoveResult, settings: RemoveSettings, tru
     """The figures of a finished removal."""
     stages = result.run.folder / "stages"
     filled = stages / ("propagate" if (stages / "propagate").is_dir() else "fill")
-    fills = {view.name: read_picture(filled / f"{view.name}.png") for view in scene.views}
+    images, regions = [], []
+    for view, unseen in zip(scene.views, truth.unseen, strict=True):
+        with np.load(filled / f"{view.name}.npz") as planes:
+            missing = planes["missing"]
+        picture = read_picture(filled / f"{view.name}.png")
+        images.append(np.where(missing[..., None], np.float32(0.5), picture))
+        regions.append(unseen & ~missing)
     colors, depths = zip(*(_seen(result, view.camera) for view in scene.views), strict=True)
     timing = [stage for stage in read_manifest(result.run.folder)["stages"] if stage["name"] in EDIT]
     return Outcome(
         score=against_truth(scene, result, settings),
-        coarse=truth.disagreement(scene, list(fills.values())),
+        coarse_psnr=truth.psnr(images, regions),
+        coarse_contrast=truth.contrast(images, regions),
+        coarse=truth.disagreement(scene, images, regions),
         rendered=truth.disagreement(scene, colors),
         depth_error=float(np.median(depth_errors(depths, truth.depths, truth.unseen))),
         seconds=sum(stage["seconds"] for stage in timing),
         peak_mib=max(stage["peak_mib"] for stage in timing),
-        fills=fills,
+        fills={view.name: image for view, image in zip(scene.views, images, strict=True)},
         shown=_seen(result, scene.test_views[len(scene.test_views) // 2].camera)[0],
     )
 

@@ -24,6 +24,8 @@ COLUMNS: Mapping[str, tuple[Callable[[Outcome], float], str]] = {
     "SSIM": (lambda found: found.score["whole"].ssim, ".3f"),
     "PSNR masked [dB]": (lambda found: found.score["masked"].psnr, ".2f"),
     "SSIM masked": (lambda found: found.score["masked"].ssim, ".3f"),
+    "PSNR coarse [dB]": (lambda found: found.coarse_psnr, ".2f"),
+    "contrast, coarse [%]": (lambda found: 100 * found.coarse_contrast, ".0f"),
     "disagreement, coarse": (lambda found: found.coarse, ".2f"),
     "disagreement, rendered": (lambda found: found.rendered, ".2f"),
     "depth error [%]": (lambda found: 100 * found.depth_error, ".2f"),
@@ -88,10 +90,14 @@ by TG-SDS in {SETTINGS.distil.iterations}. The tasks retexture and replace are n
 
 - **PSNR, SSIM**: held-out views against the room without the vase, over the whole image and within the
   widened masks.
+- **PSNR, contrast, coarse**: of the filled views before any fit, where no photograph shows what is behind the
+  vase: against the truth, and the deviation of colours there in shares of the truth's. Fills that blur are
+  nearer to the truth than sharp ones out of place, and agree better: contrast tells which it is. Pixels that
+  no fill reached are left out of these and of the next figure; the picture shows them grey.
 - **disagreement**: what no photograph shows behind the vase, warped along the true depth from each fitted
   view into its neighbours: mean absolute difference of colour [levels of 255]. Coarse: of the filled views
   before any fit. Rendered: of the same views of the edited splat. The true images themselves differ by
-  {floor:.2f}, since warping resamples their texture; flat fills differ by less, and are no better for it.
+  {floor:.2f}, since warping resamples their texture; flat fills differ by less.
 - **depth error**: median of |z - z*| / z* of the rendered views where no photograph shows the surface.
 - **edit**: from the choice of references to the finished splat, wall time. **memory**: most that the process
   held during it, all that it had loaded before included.
@@ -135,9 +141,12 @@ def draw(path: Path, scene: Scene, truth: Truth, outcomes: Mapping[tuple[Trial, 
     window = _window([view.mask for view in shown if view.mask is not None])
     stacks = {"the room without the vase": [truth.images[i] for i in near]}
     stacks["the room without the vase"].append(true_picture(scene, held_out).numpy())
+    drawn: set[Trial] = set()
     for group in GROUPS.values():
+        known = set(drawn)  # of earlier tables: what differs in the fine stage alone looks the same
         for name, trial in group.items():
-            if (trial, 0) in outcomes and "(usual)" not in name:
+            if (trial, 0) in outcomes and trial.coarse not in known:
+                drawn.add(trial.coarse)
                 found = outcomes[trial, 0]
                 stacks[name] = [*(found.fills[scene.views[i].name] for i in near), found.shown]
     pictures(path, {name: [image[window] for image in stack] for name, stack in stacks.items()}, columns=6)
