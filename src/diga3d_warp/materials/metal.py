@@ -1,4 +1,4 @@
-"""Metals as matte textures: their colour, dents, brushing and corrosion, without reflections."""
+"""Metals as textures: their colour, dents, brushing and corrosion; what they mirror is added on an object."""
 
 from __future__ import annotations
 
@@ -15,11 +15,14 @@ def gold(rng: Generator, side: int) -> np.ndarray:
 
 
 def hammered(rng: Generator, side: int, shades: tuple[str, ...]) -> np.ndarray:
-    """Sheet metal with shallow round dents, its shades from dark to bright."""
-    dents = cells(scattered(rng, 13, 13, 0.8), side)
-    bowl = -np.exp(-((dents.center / 0.03) ** 2))
-    lit = relief(0.010 * bowl + 0.0006 * noise(rng, side, 1.4), 0.62)
-    tone = 0.5 + 0.62 * (lit - 1) + 0.05 * noise(rng, side, 1.5)
+    """Sheet metal with wide, very shallow dents, its shades from dark to bright.
+
+    Dents that stand out one by one look like scales or fruit peel from afar.
+    """
+    dents = cells(scattered(rng, 9, 9, 0.9), side)
+    bowl = -np.exp(-((dents.center / 0.045) ** 2))
+    lit = relief(0.0045 * bowl + 0.0003 * noise(rng, side, 1.6), 0.62)
+    tone = 0.5 + 0.62 * (lit - 1) + 0.06 * noise(rng, side, 1.8)
     return ramp(shades, tone)
 
 

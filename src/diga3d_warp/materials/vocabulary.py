@@ -27,11 +27,13 @@ class Material:
         name: As a prompt names it.
         painter: Paints its texture, upright: v runs downwards on an object.
         also: Other words for it.
+        polish: How much of its look is a mirror image, from 0 for none to 1 [1]: see `objects.sheen`.
     """
 
     name: str
     painter: Painter
     also: tuple[str, ...] = ()
+    polish: float = 0.0
 
     def exemplar(self, size: int, seed: int) -> np.ndarray:
         """A seamless picture of the material in display values, shape (size, size, 3), float32 in [0, 1].
@@ -76,11 +78,11 @@ MATERIALS: dict[str, Material] = {
         Material("tiles", masonry.tiles, ("tiled", "tile")),
         Material("mosaic", masonry.mosaic),
         Material("cobblestone", masonry.cobbles, ("cobblestones", "stone", "cobbles")),
-        Material("gold", metal.hammered_gold, ("golden", "gilded")),
-        Material("silver", metal.silver, ("silvery",)),
-        Material("copper", metal.copper),
-        Material("bronze", metal.bronze, ("brass",)),
-        Material("steel", metal.steel, ("metal", "metallic", "iron", "chrome")),
+        Material("gold", metal.hammered_gold, ("golden", "gilded"), polish=1.0),
+        Material("silver", metal.silver, ("silvery",), polish=1.0),
+        Material("copper", metal.copper, polish=1.0),
+        Material("bronze", metal.bronze, ("brass",), polish=0.5),
+        Material("steel", metal.steel, ("metal", "metallic", "iron", "chrome"), polish=0.7),
         Material("rust", metal.rust, ("rusty", "rusted")),
         Material("denim", soft.denim, ("jeans",)),
         Material("linen", soft.linen, ("canvas", "burlap")),

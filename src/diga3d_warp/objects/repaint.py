@@ -11,6 +11,7 @@ from diga3d_warp.materials.painting import GAMMA
 from diga3d_warp.materials.vocabulary import Material
 from diga3d_warp.objects.frame import frame_of, upward
 from diga3d_warp.objects.light import estimate_light, exposed, shade_beyond
+from diga3d_warp.objects.sheen import polished
 from diga3d_warp.objects.surface import Sight, fuse
 from diga3d_warp.objects.wrapping import wrap
 
@@ -68,8 +69,10 @@ class MaterialRepainter:
             image = sight.image.copy()
             if sight.touched.any():
                 feet, normals = surface.nearest(sight.points)
-                albedo = wrap(texture, feet, normals, frame, frame.extent[2]) ** GAMMA
-                received = light.on(surface.smooth_normals(feet)) * surface.interpolated(beyond, feet)
+                smooth = surface.smooth_normals(feet)
+                colors = wrap(texture, feet, normals, frame, frame.extent[2])
+                albedo = polished(colors, frame.turned(smooth), self.material.polish) ** GAMMA
+                received = light.on(smooth) * surface.interpolated(beyond, feet)
                 lit = albedo * received[:, None]
                 image[sight.touched] = exposed(lit)
             images.append(image)

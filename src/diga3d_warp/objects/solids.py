@@ -13,6 +13,7 @@ from diga3d_warp.materials.vocabulary import words_of
 from diga3d_warp.objects.asset import MeshAsset, mesh_asset
 from diga3d_warp.objects.frame import Frame
 from diga3d_warp.objects.picture import chosen_material
+from diga3d_warp.objects.sheen import polished
 from diga3d_warp.objects.wrapping import wrap
 
 if TYPE_CHECKING:
@@ -99,10 +100,11 @@ def solid_of(prompt: str, seed: int, exemplar: Path | None = None) -> MeshAsset:
             f"the prompt {shown!r} names no built-in solid: use one of {', '.join(SOLIDS)}, or --asset FILE; "
             "for free text use --prior sd-inpainting or --prior powerpaint"
         )
-    texture = chosen_material(prompt, exemplar).exemplar(TEXTURE, seed).astype(np.float64)
+    material = chosen_material(prompt, exemplar)
+    texture = material.exemplar(TEXTURE, seed).astype(np.float64)
     frame = Frame(np.zeros(3), np.eye(3), np.ones(3))
 
     def painted(_: np.ndarray, __: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        return wrap(texture, points, normals, frame, period=1.0)
+        return polished(wrap(texture, points, normals, frame, period=1.0), normals, material.polish)
 
     return mesh_asset(SOLIDS[name](), upright_y=False, name=prompt, painter=painted)
