@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 import torch
 from known_textures import HEIGHT, TEXTURES, WIDTH, error_db, grid, hole, spoilt
+from scipy.ndimage import gaussian_filter
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.classical import telea_fill
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
+from diga3d_warp.priors.exemplar.scales import continued
 from diga3d_warp.priors.protocol import Prior
 
 
@@ -105,3 +107,37 @@ def test_little_surroundings_still_give_a_whole_image(known):
 def test_it_is_a_prior():
     prior: Prior = ExemplarPrior()
     assert prior.name == "exemplar"
+
+
+def test_what_stands_beside_the_hole_does_not_spread_into_a_lawn():
+    """A dark bush touches the hole on one side, rough grass on all others: most of the hole is grass."""
+    random = np.random.default_rng(2)
+    rows, columns = grid()
+    rough = gaussian_filter(random.standard_normal((HEIGHT, WIDTH, 1)), (1, 1, 0))
+    grass = np.array([0.3, 0.5, 0.2]) + 0.42 * rough
+    bush = np.array([0.1, 0.15, 0.08]) + 0.06 * random.standard_normal((HEIGHT, WIDTH, 1))
+    standing = ((rows - 45) ** 2 + (columns - 98) ** 2 < 24**2)[..., None]
+    image = torch.from_numpy(np.where(standing, bush, grass)).float().clamp(0.0, 1.0)
+    mask = hole() & torch.from_numpy(~standing[..., 0])
+    spread = []
+    for seed in range(3):
+        filled = ExemplarPrior().fill(spoilt(image, mask), mask, seed=seed)
+        off = (filled - torch.tensor([0.3, 0.5, 0.2])).abs().mean(-1)[mask]
+        spread.append(float((off > 0.2).float().mean()))
+        assert filled[mask].std(0).mean() > 0.5 * grass.std(axis=(0, 1)).mean(), "not blurred away"
+    assert np.mean(spread) < 0.26
+
+
+def test_colours_go_on_smoothly_along_a_surface():
+    """A wall that gets lighter upwards behind a floor: each goes on under its own controls."""
+    rows, columns = torch.meshgrid(torch.arange(40.0), torch.arange(50.0), indexing="ij")
+    usable = (rows - 20) ** 2 + (columns - 22) ** 2 > 12**2
+    plane = torch.stack([0.01 * rows, 0.02 * columns - 0.01 * rows, columns / 50], -1)
+    nothing = torch.zeros(40, 50, 0)
+    smooth = continued(torch.where(usable[..., None], plane, 9.0), usable, nothing)
+    assert torch.equal(smooth[usable], plane[usable])
+    torch.testing.assert_close(smooth, plane, atol=0.06, rtol=0.0)
+    floor = (rows > 17)[..., None]
+    scene = torch.where(floor, 0.2, 0.9)
+    apart = continued(torch.where(usable[..., None], scene, 9.0), usable, floor.float())
+    torch.testing.assert_close(apart, scene, atol=0.01, rtol=0.0)

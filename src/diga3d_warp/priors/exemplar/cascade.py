@@ -7,7 +7,7 @@ x0 is the denoiser's estimate (Song et al. 2021, Eq. 12, in units of the clean i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import torch
@@ -47,6 +47,8 @@ def scales_of(source: Source, patches: PatchSettings = PATCHES, settings: FillSe
     scales = []
     for size, shrink in scale_sizes(source.usable.shape, settings.coarsest):
         query, keys = query_at(source, size, shrink, patches), source.at(size, patches)
+        if shrink >= settings.compared:
+            query = replace(query, smooth=settings.smooth)
         if query.missing.any() and keys.count >= settings.keys_min:
             scales.append(Scale(query, keys))
     return scales

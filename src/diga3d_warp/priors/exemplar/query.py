@@ -10,7 +10,7 @@ import torch.nn.functional as F
 import warp as wp
 
 from diga3d_warp.kernels.patches import Queries
-from diga3d_warp.priors.exemplar.scales import shrunk
+from diga3d_warp.priors.exemplar.scales import continued, shrunk
 from diga3d_warp.priors.exemplar.settings import PATCHES, PatchSettings
 from diga3d_warp.priors.exemplar.source import Source
 from diga3d_warp.splatting.arrays import warp_array
@@ -26,6 +26,7 @@ class QueryScale:
         controls: As those of the source, shape (h, w, c).
         shrink: How many times smaller than the image it is [1].
         settings: Of the patches.
+        smooth: How much the difference from `continuation` counts beside that from the noisy image [1].
     """
 
     known: torch.Tensor
@@ -33,6 +34,7 @@ class QueryScale:
     controls: torch.Tensor
     shrink: float = 1.0
     settings: PatchSettings = PATCHES
+    smooth: float = 0.0
 
     @property
     def size(self) -> tuple[int, int]:
@@ -62,6 +64,11 @@ class QueryScale:
         """Missing pixels, as indices, shape (M,), int32."""
         return self.missing.reshape(-1).nonzero()[:, 0].int()
 
+    @cached_property
+    def continuation(self) -> torch.Tensor:
+        """The known colours going on smoothly into what is missing, shape (h, w, 3)."""
+        return continued(self.known, ~self.missing, self.controls)
+
     def pasted(self, colors: torch.Tensor) -> torch.Tensor:
         """The known image with `colors` (h, w, 3) where colours are missing."""
         return torch.where(self.missing[..., None], colors, self.known)
@@ -80,7 +87,14 @@ class QueryScale:
         return 0.5 / (noise**2 + self.settings.noise_min**2)
 
     def features(self, image: torch.Tensor) -> torch.Tensor:
-        """Colours and controls, padded by the radius, shape (h + 2 r, w + 2 r, 3 + c)."""
+        """Colours and controls, padded by the radius, shape (h + 2 r, w + 2 r, 3 + c).
+
+        |x - k|^2 + a |m - k|^2 is (1 + a) |(x + a m) / (1 + a) - k|^2 and a term without k: so the smooth
+        continuation m counts by moving the colours and, in `weights`, by their weight.
+        """
+        if self.smooth > 0.0:
+            share = self.smooth / (1.0 + self.smooth)
+            image = self.pasted(torch.lerp(image, self.continuation, share))
         return padded(torch.cat([image, self.controls], -1), self.settings.radius)
 
     def weights(self, noise: float) -> torch.Tensor:
@@ -91,8 +105,9 @@ class QueryScale:
         """
         sought = self.precision(noise)
         clean = self.precision(min(noise, self.settings.known_noise))
-        colors = torch.where(self.missing[..., None], sought, clean).expand(-1, -1, 3)
-        controls = (self.urgency * colors[..., :1]).expand_as(self.controls)
+        weight = torch.where(self.missing[..., None], sought, clean)
+        controls = (self.urgency * weight).expand_as(self.controls)
+        colors = torch.where(self.missing[..., None], 1.0 + self.smooth, 1.0) * weight.expand(-1, -1, 3)
         return padded(torch.cat([colors, controls], -1), self.settings.radius)
 
     def queries(self, image: torch.Tensor, noise: float) -> Queries:

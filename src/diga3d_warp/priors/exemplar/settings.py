@@ -76,6 +76,9 @@ class FillSettings:
         steps_first, steps_next: DDIM steps at the coarsest and at each finer scale.
         seeds: Fills from noise that are compared at a low resolution [1].
         compared: How many times smaller the image is at which they are compared [1].
+        smooth: How much a patch's difference from the smooth continuation of the known colours counts, at
+            those scales, beside that from the noisy image [1]. Without it, what touches the hole anywhere
+            may spread through all of it. More, or at finer scales too, favours blurred patches.
         repeat: By how much the distance to a patch grows for each time that it is taken too often [1].
         repeat_free: How often a patch may be taken, as a mean over its neighbourhood, before it counts as too
             often [1].
@@ -91,6 +94,7 @@ class FillSettings:
     steps_next: int = 6
     seeds: int = 3
     compared: float = 4.0
+    smooth: float = 1.0
     repeat: float = 0.5
     repeat_free: float = 1.5
 
