@@ -25,6 +25,7 @@ from diga3d_warp.pipelines.replace import GROW, ReplaceSettings
 from diga3d_warp.pipelines.replace import replace as replace_object
 from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retexture
 from diga3d_warp.pipelines.run import Run
+from diga3d_warp.pipelines.stages import picture as picture_of
 from diga3d_warp.priors.named import load_prior
 from diga3d_warp.priors.sampling import SamplingSettings
 from tiny_diffusion import write_checkpoint
@@ -167,13 +168,26 @@ def test_an_imagined_object_appears_in_the_old_ones_place_only(cube, removed):
     assert not torch.equal(cube.gaussians.sh, grown.sh), "refined"
 
 
-def test_the_coarse_images_differ_from_the_views_within_the_masks_only(cube, removed):
+def test_around_the_masks_the_coarse_images_show_the_cleared_scene(cube, removed):
+    """Anything else there, and the new gaussians would be fitted to the difference."""
+    cleared = Gaussians.load_ply(cube.run.folder / "stages" / "refit" / "point_cloud.ply")
     for view in removed.scene.views:
         image = picture(cube.run, f"stages/imagine/{view.name}.png")
-        before = picture(cube.run, f"stages/look/{view.name}.png")
+        before = picture_of(cleared, view.camera, cube.run.effects) / 255.0
         mask = picture(cube.run, f"masks/{view.name}.png")[..., 0] > 0.5
         assert np.array_equal(image[~mask], before[~mask])
         assert np.abs(image - before)[mask].mean() > 0.05 and image[mask].std() > 0.02
+
+
+def test_no_gaussian_of_the_new_object_is_there_for_the_scene_around(cube, removed):
+    """Beyond the masks and their seam the views with and without the new object hardly differ."""
+    cleared = Gaussians.load_ply(cube.run.folder / "stages" / "refit" / "point_cloud.ply")
+    for view in removed.scene.views:
+        mask = picture(cube.run, f"masks/{view.name}.png")[..., 0] > 0.5
+        beyond = cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
+        pair = [picture_of(g, view.camera, cube.run.effects) / 255.0 for g in (cleared, cube.gaussians)]
+        assert beyond.mean() > 0.5
+        assert np.abs(pair[0] - pair[1])[beyond].mean() < 0.003
 
 
 def test_the_new_object_starts_on_the_old_ones_surface(cube, removed):

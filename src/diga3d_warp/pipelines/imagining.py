@@ -53,26 +53,37 @@ class Imagined:
 
 
 def imagine(
-    run: Run, views: Sequence[View], sights: Sequence[Sight], references: References, words: FreeText
+    run: Run,
+    views: Sequence[View],
+    sights: Sequence[Sight],
+    cleared: Gaussians,
+    references: References,
+    words: FreeText,
 ) -> list[np.ndarray]:
     """The coarse images: every view with the new object where the old one's mask is (paper Sec. 3.2).
 
     Sampling starts from the inverted views with the old object, so the new one takes over its pose and light.
-    It follows no edges and no depth: they would be the old object's.
+    It follows no edges and no depth: they would be the old object's. Around the mask the images show the
+    cleared scene, to which the new object is added; the removal may have changed a little there.
     """
 
     def compute(folder: Path) -> None:
-        images = edit_views(
+        masks = [torch.from_numpy(stages.mask_of(view)) for view in views]
+        images = [
+            torch.where(mask[..., None], torch.from_numpy(sight.image), _seen(run, cleared, view)[0])
+            for mask, sight, view in zip(masks, sights, views, strict=True)
+        ]
+        imagined = edit_views(
             words.prior,
-            [torch.from_numpy(sight.image) for sight in sights],
-            [torch.from_numpy(stages.mask_of(view)) for view in views],
+            images,
+            masks,
             words.guidance,
             words.sampling,
             references=references.indices,
             say=say,
             progress=sampling_bar("imagine"),
         )
-        for view, image in zip(views, images, strict=True):
+        for view, image in zip(views, imagined, strict=True):
             write_image(folder / f"{view.name}.png", image.numpy())
 
     folder = run.stage("imagine", compute)
@@ -96,8 +107,7 @@ def measure(
     def compute(folder: Path) -> None:
         measured = []
         for view, sight, image in zip(views, sights, images, strict=True):
-            with torch.no_grad():
-                behind = render(cleared, view.camera, effects=replace(run.effects, depth=True)).depth
+            behind = _seen(run, cleared, view)[1]
             depth = None if estimator is None else _estimated(run, view, image, behind, estimator)
             measured.append(depth is not None)
             if depth is None:
@@ -141,6 +151,13 @@ def grow(
         stages.keep_fit(folder, result)
 
     return stages.fitted(run, "grow", compute)
+
+
+@torch.no_grad()
+def _seen(run: Run, cleared: Gaussians, view: View) -> tuple[torch.Tensor, torch.Tensor]:
+    """Colour (H, W, 3) and z (H, W) of the cleared scene in a view."""
+    rendering = render(cleared, view.camera, effects=replace(run.effects, depth=True))
+    return rendering.color.clamp(0.0, 1.0), rendering.depth
 
 
 def _estimated(

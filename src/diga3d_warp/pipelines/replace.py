@@ -171,7 +171,7 @@ def _imagined(
 ) -> Gaussians:  # fmt: skip
     """The scene with what a prior imagines in the old object's place."""
     extent, references = taken.scene.extent, taken.references
-    images = imagining.imagine(run, taken.views, sights, references, words)
+    images = imagining.imagine(run, taken.views, sights, taken.gaussians, references, words)
     imagined = imagining.measure(run, taken.views, sights, images, taken.gaussians, estimator)
     grown = imagining.grow(run, taken.gaussians, imagined, references, extent, settings.grow, seed)
     if words.method.distillation is None:
