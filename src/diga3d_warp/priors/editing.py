@@ -2,8 +2,8 @@
 
 Sampling starts from the DDIM inversion of the views as they are, so that what is not asked for stays: pose,
 shape, light. The references are edited one after another, each attending to those before it; then all other
-views attend to the references. An edited view takes part as one in which all is known: at each timestep it
-leaves keys and values of its edit, and stays as it is.
+views attend to the references. An edited reference leaves, at each timestep, the keys and values of its edit,
+and stays as it is.
 """
 
 from __future__ import annotations
@@ -72,17 +72,18 @@ def edit_views(
         edited = inpaint_views(
             prior,
             [parts[k] for k in rows],
-            [holes[k] if k in turn else torch.zeros_like(holes[k]) for k in rows],
+            [holes[k] for k in rows],
             guidance,
             settings,
             references=range(len(before)),
+            settled=True,
             controls=[replace(c, images=[c.images[k] for k in rows]) for c in followed],
             source=source,
             say=say,
             progress=_counting(progress, done * steps, len(turns) * steps),
         )
-        for k, part in zip(rows, edited, strict=True):
-            parts[k] = part
+        for k, part in list(zip(rows, edited, strict=True))[len(before) :]:
+            parts[k] = part  # those before would be decoded once more, and drift
     return windows.put_back(images, parts)
 
 
