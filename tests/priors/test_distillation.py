@@ -62,7 +62,7 @@ def test_a_guide_is_the_weighted_loss_of_one_view(images, masks):
     prior = GaussianPrior()
     control = Control("edges", torch.ones(1, 8, 10), 0.8)
     settings = DistillationSettings(weight=0.25, annealed=False)
-    guide = TextureGeometryGuide(prior, masks[0], GUIDANCE, (control,), settings)
+    guide = TextureGeometryGuide(prior, masks[0], GUIDANCE, (control,), settings=settings)
     found = guide(images[0], 0.3, torch.Generator().manual_seed(6))
     generator = torch.Generator().manual_seed(6)
     t = distillation_timestep(prior.schedule, 0.3, settings, generator)

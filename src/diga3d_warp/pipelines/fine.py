@@ -35,6 +35,8 @@ def distil(
     extent: float,
     settings: FitSettings,
     seed: int,
+    *,
+    known: Sequence[np.ndarray] | None = None,
 ) -> Gaussians:
     """Refine an edit by TG-SDS beside its photometric and depth losses.
 
@@ -51,10 +53,13 @@ def distil(
         extent: Of the scene [scene units].
         settings: Of the fit.
         seed: Of the fit and of the noise.
+        known: Photographs that the prior is told outside the masks, shape (H, W, 3); the renderings if None.
     """
 
     def compute(folder: Path) -> None:
-        guided = _guided(source, targets, masks, references, prior, guidance, distillation, run.effects)
+        guided = _guided(
+            source, targets, masks, references, prior, guidance, distillation, run.effects, known
+        )
         result = fit(
             source, guided, extent, settings, effects=run.effects, seed=seed, held=held,
             checkpoint=folder / "checkpoint.pt", progress=True, label="distil",
@@ -67,6 +72,7 @@ def distil(
 def _guided(
     source: Gaussians, targets: Sequence[Target], masks: Sequence[np.ndarray], references: References,
     prior: DiffusionPrior, guidance: Guidance, distillation: DistillationSettings, effects: Effects,
+    known: Sequence[np.ndarray] | None,
 ) -> list[Target]:  # fmt: skip
     """The targets, those with a mask under the guide of their cluster's reference."""
     with torch.no_grad():
@@ -85,6 +91,7 @@ def _guided(
             targets[j].color, depth, targets[j].camera, shown[i].color, shown[i].depth, mask, target.camera
         )
         followed = tuple(control for control in controls if control.kind in prior.control_kinds)
-        guide = TextureGeometryGuide(prior, mask, guidance, followed, distillation)
+        told = None if known is None else torch.from_numpy(known[i])
+        guide = TextureGeometryGuide(prior, mask, guidance, followed, told, distillation)
         guided.append(replace(target, guide=guide))
     return guided

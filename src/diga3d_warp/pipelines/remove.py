@@ -185,7 +185,7 @@ def take_out(
     refined = fine.distil(
         run, edited, cleared.held(len(edited)), coarse.targets_of(views, fills),
         [at.unseen for at in backgrounds], references, prior, prior.guidance, method.distillation,
-        scene.extent, settings.distil, seed,
+        scene.extent, settings.distil, seed, known=[at.image for at in backgrounds],
     )  # fmt: skip
     return TakenOut(refined, source, rows, scene, views, references, "distil")
 

@@ -50,6 +50,8 @@ class TextureGeometryGuide:
         mask: True where the edit is, shape (H, W), bool.
         guidance: Prompts and their weight.
         controls: Texture and depth map of the view, one row each (`propagation.conditions`).
+        known: The photograph, shape (H, W, 3), which the prior is told outside the mask; the rendering if None.
+            A prior may take from within the mask what to go away from.
         settings: Strength and timesteps.
     """
 
@@ -57,6 +59,7 @@ class TextureGeometryGuide:
     mask: torch.Tensor
     guidance: Guidance
     controls: tuple[Control, ...] = ()
+    known: torch.Tensor | None = None
     settings: DistillationSettings = DistillationSettings()
 
     def __call__(self, image: torch.Tensor, done: float, generator: torch.Generator) -> torch.Tensor:
@@ -69,8 +72,16 @@ class TextureGeometryGuide:
         """
         t = distillation_timestep(self.prior.schedule, done, self.settings, generator)
         masks = self.mask[None].to(image.device)
+        known = None if self.known is None else self.known[None]
         loss = distillation_loss(
-            self.prior, image[None], masks, self.guidance, self.controls, t=t, generator=generator
+            self.prior,
+            image[None],
+            masks,
+            self.guidance,
+            self.controls,
+            t=t,
+            generator=generator,
+            known=known,
         )
         return self.settings.weight * loss.to(image.device)
 
@@ -103,6 +114,7 @@ def distillation_loss(
     *,
     t: int,
     generator: torch.Generator,
+    known: torch.Tensor | None = None,
 ) -> torch.Tensor:
     """A scalar whose gradient is that of score distillation (Eq. 2; paper Sec. 3.3, Multi-View SDS Loss).
 
@@ -121,6 +133,7 @@ def distillation_loss(
         controls: Texture and depth map warped from the reference of the view's cluster, B rows each.
         t: Timestep, from `distillation_timestep`.
         generator: Of the added noise, on the host.
+        known: What the prior is told of the unmasked pixels, shape (B, H, W, 3); the images if None.
 
     Raises:
         InputError: shapes do not fit.
@@ -136,7 +149,8 @@ def distillation_loss(
     pixels = resize_images(gated, size)
     z = prior.encode_image(pixels)
     with torch.no_grad():
-        cond = prior.conditioning(pixels, resize_masks(masks, size))
+        told = pixels if known is None else resize_images(known.to(images), size)
+        cond = prior.conditioning(told, resize_masks(masks, size))
         followed = [
             Control(c.kind, resize_images(c.image[..., None], size)[..., 0], c.scale) for c in controls
         ]

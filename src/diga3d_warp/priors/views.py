@@ -41,6 +41,7 @@ def inpaint_views(
     *,
     references: Sequence[int] = (),
     settled: bool = False,
+    begun: Sequence[torch.Tensor] | None = None,
     controls: Sequence[ViewControl] = (),
     source: Any = None,
     seed: int = 0,
@@ -59,6 +60,7 @@ def inpaint_views(
         settings: How to sample.
         references: Indices of the views that the others attend to.
         settled: Whether the references' images are filled already: those stay as they are.
+        begun: What sampling below full strength starts from, like `images`; those if None.
         controls: Edges and depth to follow.
         source: Prompt half (`Prompts.positive` of a prompt) that describes the images as they are: sampling
             starts from their DDIM inversion. If None it starts from noise, the same for all views.
@@ -74,11 +76,14 @@ def inpaint_views(
             references are not among the views.
     """
     settings = settings or SamplingSettings()
-    if len(images) != len(masks) or not images or any(len(c.images) != len(images) for c in controls):
-        counts = [len(images), len(masks), *(len(c.images) for c in controls)]
+    begun = images if begun is None else begun
+    counts = [len(images), len(masks), len(begun), *(len(c.images) for c in controls)]
+    if not images or len(set(counts)) > 1:
         raise InputError(f"numbers of images, masks and controls differ or are zero: {counts}")
     size = prior.native_size(*images[0].shape[:2])
-    views = replace(_encode(prior, images, masks, controls, size, source, settings, seed), settled=settled)
+    views = replace(
+        _encode(prior, images, masks, begun, controls, size, source, settings, seed), settled=settled
+    )
     if say is not None:
         say(str(plan_sampling(prior, views, guidance, settings, references)))
     z = sample_views(prior, views, guidance, settings, references=references, progress=progress)
@@ -125,6 +130,7 @@ def _encode(
     prior: DiffusionPrior,
     images: Sequence[torch.Tensor],
     masks: Sequence[torch.Tensor],
+    begun: Sequence[torch.Tensor],
     controls: Sequence[ViewControl],
     size: tuple[int, int],
     source: Any,
@@ -146,7 +152,10 @@ def _encode(
         along = [_control(control, index, size, prior.device) for control in controls]
         if source is None:
             noise = initial_noise(cond.latent.shape, seed).to(prior.device)
-            start = noise if settings.strength == 1.0 else schedule.add_noise(cond.latent, noise, first)
+            start = noise
+            if settings.strength < 1.0:
+                here = resize_images(begun[index][None].to(prior.device), size)
+                start = schedule.add_noise(prior.encode_image(here), noise, first)
         else:
             start = invert(
                 prior, cond.latent, source, cond, along, steps=settings.steps, strength=settings.strength

@@ -60,11 +60,13 @@ def propagate_appearance(
         return found
     rows = [*references.indices, *others] if attend else others
     masks = [torch.from_numpy(backgrounds[i].unseen) for i in rows]
-    images = [_begun(fills[i]) for i in rows]
+    begun = [_begun(fills[i]) for i in rows]
+    # Within its mask an image still shows the object: what to go away from, for a prior that wants to see it.
+    images = [begun[k] if i in fixed else torch.from_numpy(backgrounds[i].image) for k, i in enumerate(rows)]
     count = len(rows) - len(others)
     painted = inpaint_views(
-        prior, images, masks, prior.guidance, sampling, references=range(count), settled=True, seed=seed,
-        say=say, progress=progress,
+        prior, images, masks, prior.guidance, sampling, references=range(count), settled=True, begun=begun,
+        seed=seed, say=say, progress=progress,
     )  # fmt: skip
     for i, image in zip(rows, painted, strict=True):
         if i not in fixed:
