@@ -27,6 +27,7 @@ class GaussianPrior:
     """
 
     name = "gaussian"
+    learned = True
 
     def __init__(self, spread=0.3, attention=0.0, mask_aware=True, blur=1, factor=1, device="cpu"):
         self.spread, self.attention, self.mask_aware = spread, attention, mask_aware

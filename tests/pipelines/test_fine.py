@@ -29,9 +29,10 @@ def distilled(removed, tmp_path, weight):
     fills = coarse._kept(stages / "propagate", views)
     unseen = [read_mask(stages / "look-behind" / f"{view.name}.unseen.png") for view in views]
     cluster = np.arange(len(views)) % 2
+    prior = ExemplarPrior()
     targets = coarse.targets_of(views, fills)
     found = fine.distil(
-        run, source, held, targets, unseen, References([0, 1], cluster), ExemplarPrior(),
+        run, source, held, targets, unseen, References([0, 1], cluster), prior, prior.guidance,
         DistillationSettings(weight=weight), 1.0, replace(SETTINGS.distil, iterations=14), 0,
     )  # fmt: skip
     return source, held, found, unseen

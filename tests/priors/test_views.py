@@ -67,6 +67,16 @@ def test_settled_references_stay_as_they_are(images, masks):
     torch.testing.assert_close(kept[1][~masks[1]], images[1][~masks[1]])
 
 
+def test_sampling_starts_from_what_is_begun(images, masks):
+    """And the known part is still that of the images."""
+    weak = SamplingSettings(steps=10, strength=0.2)
+    begun = [torch.full_like(image, 0.9) for image in images]
+    found = list(inpaint_views(GaussianPrior(), images, masks, PLAIN, weak, begun=begun))
+    for image, mask, result in zip(images, masks, found, strict=True):
+        assert torch.equal(result[~mask], image[~mask])
+        assert float((result[mask] - 0.9).abs().mean()) < 0.15 < float((image[mask] - 0.9).abs().mean())
+
+
 def test_from_inverted_images_an_unchanged_prompt_changes_little(images, masks):
     """And a changed one moves the image by as much as the means differ, keeping its structure."""
     prior, settings = GaussianPrior(), SamplingSettings(steps=100)

@@ -83,6 +83,16 @@ def test_without_weight_attention_is_none(fills, backgrounds, depths):
         assert np.array_equal(nothing[i].image, alone[i].image)
 
 
+def test_a_negative_prompt_leads_away_from_the_object(fills, backgrounds, depths):
+    """The object is red; what is told as known shows it within the mask."""
+    plain, away = (
+        propagate_appearance(ExemplarPrior(negative=negative), fills, backgrounds, depths, REFERENCES, QUICK)
+        for negative in ("", "something red")
+    )
+    unseen = backgrounds[1].unseen
+    assert away[1].image[unseen][:, 0].mean() < plain[1].image[unseen][:, 0].mean() - 0.01
+
+
 def test_where_no_fill_arrived_the_view_is_its_own_inventor(fills, backgrounds, depths):
     missing = backgrounds[1].unseen & (np.arange(96) > 50)
     gap = replace(

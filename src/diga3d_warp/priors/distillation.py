@@ -50,8 +50,8 @@ class TextureGeometryGuide:
         mask: True where the edit is, shape (H, W), bool.
         guidance: Prompts and their weight.
         controls: Texture and depth map of the view, one row each (`propagation.conditions`).
-        known: The photograph, shape (H, W, 3), which the prior is told outside the mask; the rendering if None.
-            A prior may take from within the mask what to go away from.
+        known: The photograph, shape (H, W, 3), which the prior is told outside the mask; the rendering if
+            None. A prior may take from within the mask what to go away from.
         settings: Strength and timesteps.
     """
 

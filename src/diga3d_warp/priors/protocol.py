@@ -157,6 +157,11 @@ class DiffusionPrior(Prior, Protocol):
         ...
 
     @property
+    def learned(self) -> bool:
+        """Whether it is a trained network, which knows what images show beyond those at hand."""
+        ...
+
+    @property
     def control_kinds(self) -> Sequence[ControlKind]:
         """Kinds of control that `predict_noise` can follow."""
         ...

@@ -18,10 +18,14 @@ from diga3d_warp.priors.exemplar.fill import fill_missing
 from diga3d_warp.priors.exemplar.prompts import PatchPrompt, prompts_of
 from diga3d_warp.priors.exemplar.settings import FILL, PATCHES, FillSettings, PatchSettings
 from diga3d_warp.priors.exemplar.source import Source, depth_control, edge_control
-from diga3d_warp.priors.guidance import GUIDANCE, Guidance
+from diga3d_warp.priors.guidance import Guidance
 from diga3d_warp.priors.protocol import Conditioning, Control, ControlKind, Prompts, Task, check_fill
 from diga3d_warp.priors.sampling import SamplingSettings
 from diga3d_warp.priors.schedule import Schedule
+
+PATCH_GUIDANCE = 1.2
+"""Guidance scale of a negative prompt. Means over patches differ by more than a network's two estimates: at
+the paper's 7.5 colours leave their range."""
 
 LAYER = "patches"
 """Name of the prior's only attention."""
@@ -54,6 +58,7 @@ class ExemplarPrior:
     """
 
     name = "exemplar"
+    learned = False
     mask_aware = True
     control_kinds: tuple[ControlKind, ...] = ("edges", "depth")
     sampling = SamplingSettings(steps=20, strength=0.3)
@@ -70,7 +75,7 @@ class ExemplarPrior:
         self.settings = settings
         self.device = torch.device(device)
         self.schedule = patch_schedule()
-        self.guidance = Guidance(prompts_of("", negative, "remove"), GUIDANCE if negative else 1.0)
+        self.guidance = Guidance(prompts_of("", negative, "remove"), PATCH_GUIDANCE if negative else 1.0)
         self._bank: AttentionBank | None = None
         # What references left, as sources that all views read: for as long as the bank keeps the keys.
         self._left = WeakTensorKeyDictionary()

@@ -76,6 +76,7 @@ class StableDiffusionPrior:
         sampling: SamplingSettings | None = None,
     ) -> None:
         self.name = name
+        self.learned = True
         self.parts = parts
         self.device = torch.device(device)
         self.dtype = torch.float16 if self.device.type == "cuda" else torch.float32
