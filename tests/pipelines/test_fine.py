@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import replace
 
 import numpy as np
 import torch
 from tiny_removal import SETTINGS
 
+from diga3d_warp.config import Effects
+from diga3d_warp.gaussians.fit import Target
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines import coarse, fine
 from diga3d_warp.pipelines.run import Run
@@ -16,6 +19,7 @@ from diga3d_warp.priors.distillation import DistillationSettings
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.propagation.references import References
 from diga3d_warp.splatting.render import render
+from scenes import camera_at, random_gaussians
 
 
 def distilled(removed, tmp_path, weight):
@@ -36,6 +40,46 @@ def distilled(removed, tmp_path, weight):
         DistillationSettings(weight=weight), 1.0, replace(SETTINGS.distil, iterations=14), 0,
     )  # fmt: skip
     return source, held, found, unseen
+
+
+def test_the_fine_stage_shakes_no_gaussian(removed, tmp_path):
+    """It has no density control: one too faint to be drawn stays where it is, to the bit."""
+    source = Gaussians.load_ply(removed.folder / "stages" / "refit" / "point_cloud.ply")
+    source.opacity_logits[:50] = -8.0
+    run = Run(tmp_path / "run", "remove", {})
+    run.effects = removed.result.run.effects
+    targets = [Target(view.camera, torch.from_numpy(view.pixels)) for view in removed.scene.views]
+    nowhere = [np.zeros(view.pixels.shape[:2], bool) for view in removed.scene.views]
+    prior, cluster = ExemplarPrior(), np.zeros(len(targets), int)
+    found = fine.distil(
+        run, source, torch.zeros(len(source), dtype=torch.bool), targets, nowhere, References([0], cluster),
+        prior, prior.guidance, DistillationSettings(), 1.0, replace(SETTINGS.distil, iterations=3), 0,
+    )  # fmt: skip
+    assert torch.equal(found.means[:50], source.means[:50])
+    assert not torch.equal(found.means[50:], source.means[50:])
+
+
+def test_guides_hold_no_renderings(monkeypatch):
+    """A rendering keeps all projected gaussians: of the views, only one at a time may be there."""
+    alive, most = weakref.WeakSet(), []
+
+    def watched(*arguments, **options):
+        rendering = render(*arguments, **options)
+        alive.add(rendering.alpha)
+        most.append(len(alive))
+        return rendering
+
+    monkeypatch.setattr(fine, "render", watched)
+    camera = camera_at(width=32, height=24)
+    targets = [Target(camera, torch.zeros(24, 32, 3, dtype=torch.uint8)) for _ in range(8)]
+    masks = [np.ones((24, 32), bool) for _ in targets]
+    prior, cluster = ExemplarPrior(), np.arange(8) % 2
+    guided = fine._guided(
+        random_gaussians(50), targets, masks, References([0, 1], cluster), prior, prior.guidance,
+        DistillationSettings(), Effects(), None,
+    )  # fmt: skip
+    assert len(guided) == 8 and all(target.guide is not None for target in guided)
+    assert max(most) <= 2
 
 
 def test_distillation_moves_what_was_invented(removed, tmp_path):

@@ -75,23 +75,33 @@ def _guided(
     known: Sequence[np.ndarray] | None,
 ) -> list[Target]:  # fmt: skip
     """The targets, those with a mask under the guide of their cluster's reference."""
-    with torch.no_grad():
-        shown = [render(source, target.camera, effects=replace(effects, depth=True)) for target in targets]
+    depths = {j: _depth_of(source, targets[j], effects) for j in references.indices}
     guided = []
     for i, (target, seen) in enumerate(zip(targets, masks, strict=True)):
         if not seen.any():
             guided.append(target)
             continue
         j = references.indices[int(references.cluster[i])]
-        # The fill's depth where there is one, the splat's elsewhere.
-        filled, splat = targets[j].depth, shown[j].depth
-        depth = splat if filled is None else torch.where(filled > 0.0, filled, splat)
+        color, depth = _shown(source, target, effects)
         mask = torch.from_numpy(seen)
         controls = texture_geometry(
-            targets[j].color, depth, targets[j].camera, shown[i].color, shown[i].depth, mask, target.camera
+            targets[j].color, depths[j], targets[j].camera, color, depth, mask, target.camera
         )
         followed = tuple(control for control in controls if control.kind in prior.control_kinds)
         told = None if known is None else torch.from_numpy(known[i])
         guide = TextureGeometryGuide(prior, mask, guidance, followed, told, distillation)
         guided.append(replace(target, guide=guide))
     return guided
+
+
+@torch.no_grad()
+def _shown(source: Gaussians, target: Target, effects: Effects) -> tuple[torch.Tensor, torch.Tensor]:
+    """Colour (H, W, 3) and z (H, W) of the edited scene in a view."""
+    rendering = render(source, target.camera, effects=replace(effects, depth=True))
+    return rendering.color, rendering.depth
+
+
+def _depth_of(source: Gaussians, target: Target, effects: Effects) -> torch.Tensor:
+    """z of a reference, shape (H, W): the fill's where there is one, the splat's elsewhere."""
+    _, splat = _shown(source, target, effects)
+    return splat if target.depth is None else torch.where(target.depth > 0.0, target.depth, splat)

@@ -53,9 +53,10 @@ DISTIL = replace(
     REFIT,
     iterations=200,
     rates=LearningRates(means=5e-5),
-    density=DensitySettings(begin=1.0, end=1.0),
+    density=DensitySettings(end=0.0),
 )
-"""The fit of the fine stage: the hole has its gaussians, which learn their place more slowly."""
+"""The fit of the fine stage: the hole has its gaussians, which learn their place more slowly; none is moved
+onto another or shaken."""
 
 
 @dataclass(frozen=True)
@@ -129,10 +130,11 @@ def remove(
         InputError: no view has a mask, the masks lift to nothing, there are fewer views than references, or
             the prior cannot do what the method asks.
     """
-    scene = marking.mark(run, scene, marks)
     settings = settings or RemoveSettings()
     prior = prior or ExemplarPrior()
-    stages.check_edit(scene, settings.method_for(prior).references)
+    method = settings.method_for(prior)
+    scene = marking.mark(run, scene, marks)
+    stages.check_edit(scene, method.references)
     taken = take_out(scene, run, settings, prior, marks, seed, effects)
     stages.show_views(run, taken.scene, taken.source, taken.gaussians)
     stages.finish(run, taken.stage)
