@@ -269,6 +269,8 @@ def test_replacements_that_cannot_begin_leave_nothing(room, checkpoint, tmp_path
         (["--prompt", "gold", "--prior", "nowhere"], "there is no prior or folder nowhere"),
         (["--prompt", "", "--prior", "TINY"], "needs a prompt"),
         (["--prompt", "x" * 10_000, "--prior", "TINY"], "shorten it"),
+        (["--prompt", "gold", "--prior", "TINY", "--propagation", "warp"], "not carried by depth"),
+        (["--exemplar", "gold.jpg", "--prior", "TINY"], "--exemplar is painted without a prior"),
     ],
 )
 def test_retextures_that_cannot_begin_leave_nothing(room, checkpoint, tmp_path, capfd, words, said):

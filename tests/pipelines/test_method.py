@@ -34,6 +34,28 @@ def test_a_negative_prompt_reaches_the_prior():
         Choices(negative="x" * 10_000).load("remove")
 
 
+@pytest.mark.parametrize(
+    ("name", "switches", "said"),
+    [
+        ("classical", {}, "prior classical reads no prompts: leave --negative out"),
+        ("exemplar", {}, "--negative is heeded where prior exemplar estimates noise"),
+        ("exemplar", {"propagation": "warp", "tg_sds": False}, "add --propagation attention or --tg-sds"),
+    ],
+)
+def test_a_negative_prompt_that_nothing_would_read_is_refused(name, switches, said):
+    choices = Choices(name, negative="brick", **switches)
+    with pytest.raises(InputError, match=said):
+        choices.method(choices.load("remove"))
+
+
+@pytest.mark.parametrize(
+    "switches", [{"propagation": "attention"}, {"propagation": "none"}, {"tg_sds": True}]
+)
+def test_a_negative_prompt_that_noise_estimates_read(switches):
+    choices = Choices(negative="brick", **switches)
+    assert choices.method(choices.load("remove"))
+
+
 def test_the_manifest_tells_the_switches():
     assert PAPER.summary() == {
         "references": 3, "selection": "kmeans", "propagation": "attention", "tg_sds": True,

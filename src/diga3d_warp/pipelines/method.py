@@ -115,7 +115,7 @@ class Choices:
         """The method that suits a prior, as far as the user did not choose.
 
         Raises:
-            InputError: the prior cannot do what was chosen.
+            InputError: the prior cannot do what was chosen, or would read no negative prompt.
         """
         method = replace(usual_method(prior), references=self.references, selection=self.selection)
         if self.propagation is not None:
@@ -123,4 +123,17 @@ class Choices:
         if self.tg_sds is not None:
             method = replace(method, distillation=DistillationSettings() if self.tg_sds else None)
         check_method(method, prior)
+        self._check_negative(method, prior)
         return method
+
+    def _check_negative(self, method: Method, prior: Prior) -> None:
+        """Refuse a negative prompt that nothing would read: without weights, `fill` goes by pixels alone."""
+        if not self.negative or (isinstance(prior, DiffusionPrior) and prior.learned):
+            return
+        if not isinstance(prior, DiffusionPrior):
+            raise InputError(f"prior {prior.name} reads no prompts: leave --negative out")
+        if method.propagation == "warp" and method.distillation is None:
+            raise InputError(
+                f"--negative is heeded where prior {prior.name} estimates noise: "
+                "add --propagation attention or --tg-sds, or leave it out"
+            )

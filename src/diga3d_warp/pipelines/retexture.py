@@ -115,7 +115,7 @@ def retexture(
         prompt: Such as "white marble"; without a prior, a word of the built-in vocabulary.
         run: Where stages and results go; finished stages of an interrupted run are taken up.
         settings: How.
-        exemplar: A picture of the material; the prompt is not read then.
+        exemplar: A picture of the material, if no prior is given; the prompt is not read then.
         negative: What the prior shall go away from.
         prior: What repaints the object from free text; the built-in materials if None.
         marks: Boxes or words that say where the object is; the scene's masks do if there are none.
@@ -127,11 +127,11 @@ def retexture(
             the prompt names no built-in material, or none that the prior understands, or the picture is not
             usable.
     """
-    scene = marking.mark(run, scene, marks)
     settings = settings or RetextureSettings()
     words = None if prior is None else FreeText.of(prior, prompt, negative, "retexture", settings.method)
     method = words.method if words else settings.method or CARRIED
     repainter = _repainter(words) if words else MaterialRepainter(chosen_material(prompt, exemplar))
+    scene = marking.mark(run, scene, marks)
     stages.check_edit(scene, method.references)
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
@@ -177,6 +177,7 @@ def retexture_command(
     method = replace(CARRIED, references=choices.references, selection=choices.selection)
     if prior is not None:
         method = choices.method(prior)
+        FreeText.of(prior, prompt or "", choices.negative, "retexture", method)  # refuses before a long fit
     marks = read_marks(masks, mask_boxes, mask_prompt, mask_models)
     capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
     settings = RetextureSettings(
@@ -213,6 +214,8 @@ def _prior(choices: Choices, prompt: str, exemplar: Path | None) -> DiffusionPri
             not usable.
     """
     if reads_free_text(choices):
+        if exemplar is not None:
+            raise InputError("--exemplar is painted without a prior: leave --prior out, or give --prompt")
         # The repainted views follow edges and depth, whether or not score distillation does later.
         controls: tuple[ControlKind, ...] = ("edges", "depth")
         prior = load_prior(
