@@ -30,7 +30,7 @@ def distilled(removed, tmp_path, weight):
     free = torch.from_numpy(np.load(stages / "clear" / "free.npy"))
     held = torch.nn.functional.pad(~free, (0, len(source) - len(free)))
     views = removed.scene.views
-    fills = coarse._kept(stages / "propagate", views)
+    fills = coarse.read_fills(stages / "propagate", views)
     unseen = [read_mask(stages / "look-behind" / f"{view.name}.unseen.png") for view in views]
     cluster = np.arange(len(views)) % 2
     prior = ExemplarPrior()

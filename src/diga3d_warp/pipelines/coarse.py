@@ -46,7 +46,7 @@ def fill_views(
         fills = fill_references(cameras, backgrounds, depths, references, prior, seed, together=together)
         _keep(folder, views, carry(cameras, backgrounds, depths, references, fills))
 
-    return _kept(run.stage("fill", compute), views)
+    return read_fills(run.stage("fill", compute), views)
 
 
 def propagate(
@@ -80,7 +80,7 @@ def propagate(
             )  # fmt: skip
         _keep(folder, views, found)
 
-    return _kept(run.stage("propagate", compute), views)
+    return read_fills(run.stage("propagate", compute), views)
 
 
 def targets_of(views: Sequence[View], fills: Sequence[Fill]) -> list[Target]:
@@ -129,7 +129,7 @@ def _keep(folder: Path, views: Sequence[View], fills: Sequence[Fill]) -> None:
         )  # fmt: skip
 
 
-def _kept(folder: Path, views: Sequence[View]) -> list[Fill]:
+def read_fills(folder: Path, views: Sequence[View]) -> list[Fill]:
     fills = []
     for view in views:
         with np.load(folder / f"{view.name}.npz") as planes:

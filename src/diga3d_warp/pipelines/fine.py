@@ -57,7 +57,7 @@ def distil(
     """
 
     def compute(folder: Path) -> None:
-        guided = _guided(
+        guided = guided_targets(
             source, targets, masks, references, prior, guidance, distillation, run.effects, known
         )
         result = fit(
@@ -69,7 +69,7 @@ def distil(
     return stages.fitted(run, "distil", compute)
 
 
-def _guided(
+def guided_targets(
     source: Gaussians, targets: Sequence[Target], masks: Sequence[np.ndarray], references: References,
     prior: DiffusionPrior, guidance: Guidance, distillation: DistillationSettings, effects: Effects,
     known: Sequence[np.ndarray] | None,
