@@ -279,7 +279,7 @@ CASES = (
         "One range is computed, counted and dealt; far-off boxes are clamped before they become integers.",
         (
             Guard(BINNING, "ranges[i] = r\n    tiles[i] =",
-                "ranges[i] = tile_range(centers[i], 1.01 * extents[i], columns, rows)\n    tiles[i] =",
+                "ranges[i] = tile_range(centers[i], 0.99 * extents[i], columns, rows)\n    tiles[i] =",
                 "kernels/test_binning.py"),
             Guard(BINNING, "x1 = wp.clamp(center[0] + extent[0] - 0.5, -PIXEL_LIMIT, PIXEL_LIMIT)",
                 "x1 = center[0] + extent[0] - 0.5",

@@ -80,18 +80,24 @@ def find_boxed(boxes: Sequence[Box], scene: Scene) -> dict[str, Box]:
     """The boxes by the name of their view.
 
     Raises:
-        InputError: there are too many boxes, two in one view, an unknown view, or a box that is empty or not
-            within its image.
+        InputError: there are too many boxes, two in one view, an unknown view or one that is held out, or a
+            box that is empty or not within its image.
     """
     if len(boxes) > BOXES_MOST:
         raise InputError(f"{len(boxes)} mask boxes: give at most {BOXES_MOST}, each in another view")
-    views = {view.name: view for view in [*scene.views, *scene.test_views]}
+    held_out = {view.name: view for view in scene.test_views}
+    views = {view.name: view for view in scene.views} | held_out
     found: dict[str, Box] = {}
     for box in boxes:
         name = box.view if box.view in views else box.view.rpartition(".")[0]
         if name not in views:
             raise InputError(
                 f"mask box: there is no view {box.view!r} in {scene.path}; the first is {next(iter(views))!r}"
+            )
+        if name in held_out:
+            raise InputError(
+                f"mask box: view {name!r} is kept for testing, and edits look at the others only: "
+                "box another view, or use --hold-out 0"
             )
         if name in found:
             raise InputError(f"mask box: view {name!r} has two; give one box a view, around the whole object")

@@ -151,7 +151,7 @@ def _boxed(scene: Scene, boxes: Sequence[Box]) -> Scene:
     """The scene with masks in the boxed views only, cut out by colour; as it is if there is no box."""
     if not boxes:
         return scene
-    views = {view.name: view for view in [*scene.views, *scene.test_views]}
+    views = {view.name: view for view in scene.views}
     found = find_boxed(boxes, scene)
     return _with_masks(scene, {name: cut_out(views[name], box) for name, box in found.items()})
 
