@@ -6,7 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
+from diga3d_warp.gaussians import lift
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.perception.boxes import Box
 from diga3d_warp.pipelines.carrying import SHEET, carry_masks
@@ -64,3 +66,21 @@ def test_a_mask_that_lifts_to_no_gaussian(removed, tmp_path):
     nowhere.means += 1000.0
     with pytest.raises(InputError, match="the marked object lifts to no gaussian"):
         carry_masks(run, scene, nowhere, marks, LiftSettings())
+
+
+def test_gaussians_vote_as_the_run_renders_them(removed, tmp_path, monkeypatch):
+    """Anti-aliasing makes splats wider and fainter: masks must be those of what was fitted."""
+    seen = []
+
+    def watched(gaussians, camera, effects):
+        seen.append(effects)
+        return project_for(gaussians, camera, effects)
+
+    project_for = lift._projected
+    monkeypatch.setattr(lift, "_projected", watched)
+    marks = Marks((box_around(removed.scene.views[0]),))
+    run = Run(tmp_path / "run", "remove", {})
+    run.effects = Effects(antialias=True)
+    scene = mark(run, removed.scene, marks)
+    carry_masks(run, scene, removed.result.source, marks, LiftSettings())
+    assert seen and all(effects == run.effects for effects in seen)

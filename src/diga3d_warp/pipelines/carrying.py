@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import write_image
-from diga3d_warp.gaussians.lift import LiftSettings, object_mask, object_rows, vote
+from diga3d_warp.gaussians.lift import LiftSettings, Votes, object_mask, object_rows, vote
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.perception.boxes import cut_along
 from diga3d_warp.pipelines import stages
@@ -65,22 +66,24 @@ def carry_masks(run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: L
 
     def compute(folder: Path) -> None:
         known = [view for view in views if view.mask is not None]
-        seeds, candidates = object_seeds(source, known, lift, settings)
+        seeds, candidates = object_seeds(source, known, lift, settings, run.effects)
         if not seeds.any():
             raise InputError(
                 f"{scene.path}: the marked object lifts to no gaussian; mark what the splat shows"
             )
         cut = [
             view if view.mask is not None
-            else view.with_mask(_carried(source, view, seeds, candidates, lift, settings))
+            else view.with_mask(_carried(source, view, seeds, candidates, lift, settings, run.effects))
             for view in views
         ]  # fmt: skip
         # Each view was cut by itself; a vote of all makes them tell of one object.
-        votes = vote(source, [view.camera for view in cut], [stages.mask_of(view) for view in cut])
+        votes = _votes(source, cut, run.effects)
         rows = object_rows(votes, lift)
         masks = []
         for view in views:
-            mask = view.mask if view.mask is not None else object_mask(source, view.camera, rows, lift)
+            mask = view.mask
+            if mask is None:
+                mask = object_mask(source, view.camera, rows, lift, run.effects)
             write_image(folder / f"{view.name}.png", mask)
             masks.append(mask)
         write_image(folder / SHEET, overlay_sheet(views, masks, settings))
@@ -96,14 +99,19 @@ def carry_masks(run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: L
     )
 
 
+def _votes(source: Gaussians, views: Sequence[View], effects: Effects) -> Votes:
+    """What views with masks say of each gaussian."""
+    return vote(source, [view.camera for view in views], [stages.mask_of(view) for view in views], effects)
+
+
 def object_seeds(
-    source: Gaussians, known: Sequence[View], lift: LiftSettings, settings: CarrySettings
+    source: Gaussians, known: Sequence[View], lift: LiftSettings, settings: CarrySettings, effects: Effects
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Gaussians that the masked views show to be the object, and those that may be, both shape (N,), bool."""
     from scipy.ndimage import label
     from scipy.spatial import cKDTree
 
-    votes = vote(source, [view.camera for view in known], [stages.mask_of(view) for view in known])
+    votes = _votes(source, known, effects)
     seen = votes.total > lift.faint
     rows = (seen & (votes.share > lift.share)).numpy()
     if not rows.any():
@@ -142,16 +150,16 @@ def _bounds(points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 def _carried(
     source: Gaussians, view: View, seeds: torch.Tensor, candidates: torch.Tensor, lift: LiftSettings,
-    settings: CarrySettings,
+    settings: CarrySettings, effects: Effects,
 ) -> np.ndarray:  # fmt: skip
     """The mask of a view that is not marked."""
     import cv2
 
     diagonal = float(np.hypot(*view.pixels.shape[:2]))
-    likely = object_mask(source, view.camera, candidates, lift)
+    likely = object_mask(source, view.camera, candidates, lift, effects)
     inner = max(1, round(settings.sure * diagonal))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * inner + 1, 2 * inner + 1))
-    shown = object_mask(source, view.camera, seeds, lift).astype(np.uint8)
+    shown = object_mask(source, view.camera, seeds, lift, effects).astype(np.uint8)
     surely = (cv2.erode(shown, disc) > 0) & likely
     return cut_along(view.pixels, surely, likely, max(2, round(settings.reach * diagonal)))
 
