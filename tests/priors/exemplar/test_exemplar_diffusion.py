@@ -14,7 +14,7 @@ from diga3d_warp.priors.guidance import Guidance
 from diga3d_warp.priors.inversion import invert
 from diga3d_warp.priors.protocol import Conditioning, Control, DiffusionPrior, Prompts
 from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, initial_noise, sample_views
-from diga3d_warp.priors.views import fill_one
+from diga3d_warp.priors.views import fill_one, inpaint_views
 
 REMOVE = Guidance(Prompts(SURROUNDINGS, SURROUNDINGS), scale=1.0)
 
@@ -140,6 +140,16 @@ def test_a_material_is_painted_where_it_is_asked_for():
     assert (
         torch.cdist(truth[inner], prompts.positive.exemplar.reshape(-1, 3)[::7]).min(1).values.mean() > 0.15
     )
+
+
+def test_a_view_without_a_hole_stays_whatever_it_is_to_go_away_from():
+    """It shows no object whose patches a negative prompt could stand for."""
+    prior = ExemplarPrior(negative="stripes")
+    truth, mask = small("stripes")
+    settings = SamplingSettings(steps=4, strength=0.5)
+    views = [truth, truth], [mask, torch.zeros_like(mask)]
+    filled = list(inpaint_views(prior, *views, prior.guidance, settings))
+    assert torch.equal(filled[1], truth) and not torch.equal(filled[0], truth)
 
 
 def test_prompts_that_mean_nothing_are_refused():

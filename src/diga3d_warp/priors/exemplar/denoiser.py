@@ -56,14 +56,13 @@ def posterior_mean(
         mean of the source.
 
     Raises:
-        ValueError: the source has no usable pixel.
+        ValueError: something is sought, and the source has no usable pixel.
     """
-    missing = ~known.usable
-    if not bool(source.usable.any()):
-        raise ValueError("a source must have a usable pixel")
-    image = known.image
+    missing, image = ~known.usable, known.image
     if not bool(missing.any()):
         return image
+    if not bool(source.usable.any()):
+        raise ValueError("a source must have a usable pixel")
     previous: tuple[QueryScale, SourceScale, Estimate] | None = None
     for size, shrink in scale_sizes(missing.shape, settings.coarsest):
         if previous is not None and noise / shrink > settings.noise_next:
