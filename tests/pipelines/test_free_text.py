@@ -19,6 +19,7 @@ from diga3d_warp import cli
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines.free_text import FreeText
+from diga3d_warp.pipelines.imagining import Imagined, grow
 from diga3d_warp.pipelines.method import CARRIED, PAPER
 from diga3d_warp.pipelines.remove import DISTIL
 from diga3d_warp.pipelines.replace import GROW, ReplaceSettings
@@ -28,6 +29,7 @@ from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.stages import picture as picture_of
 from diga3d_warp.priors.named import load_prior
 from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.propagation.references import References
 from tiny_diffusion import write_checkpoint
 
 SAMPLED = replace(PAPER, references=2, sampling=SamplingSettings(steps=2, batch=4))
@@ -196,6 +198,24 @@ def test_the_new_object_starts_on_the_old_ones_surface(cube, removed):
         with np.load(cube.run.folder / "stages" / "look" / f"{view.name}.npz") as look:
             solid = look["share"] > 0.5
             assert solid.any() and np.array_equal(depth[solid], look["depth"][solid])
+
+
+def test_an_object_that_no_reference_shows_grows_where_it_shows_most(removed, tmp_path):
+    """As it was imagined there, see `edit_views`; without seeds it would be in no view."""
+    cleared = Gaussians.load_ply(removed.folder / "stages" / "refit" / "point_cloud.ply")
+    views = [view.with_mask(np.zeros_like(view.mask)) for view in removed.scene.views]
+    views[4] = removed.scene.views[4]
+    imagined = [
+        Imagined(
+            view, view.pixels.astype(np.float32) / 255.0, np.full(view.mask.shape, 2.0, np.float32), False
+        )
+        for view in views
+    ]
+    run = Run(tmp_path / "run", "replace", {})
+    settings = replace(GROW, iterations=2)
+    references = References([0, 1], np.zeros(len(views), int))
+    grown = grow(run, cleared, imagined, references, removed.scene.extent, settings, 0)
+    check_first_rows(grown, cleared)
 
 
 def test_an_imagining_resumes_with_the_same_bytes(cube, removed, prior, tmp_path, capfd):

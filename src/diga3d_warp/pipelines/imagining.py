@@ -20,7 +20,7 @@ from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.coarse import SEEDS_PER_REFERENCE
 from diga3d_warp.pipelines.free_text import FreeText, sampling_bar, say
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.priors.editing import edit_views
+from diga3d_warp.priors.editing import edit_views, edited_first
 from diga3d_warp.propagation.references import References
 from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.render import render
@@ -132,17 +132,17 @@ def grow(
     settings: FitSettings,
     seed: int,
 ) -> Gaussians:
-    """Gaussians where the references show the new object, fitted to all views; the scene keeps its values."""
+    """Gaussians where the views edited first show the new object, fitted to all views; the scene stays."""
 
     def compute(folder: Path) -> None:
         start, coefficients = cleared, cleared.sh.shape[1]
-        for each in (imagined[index] for index in references.indices):
-            mask = stages.mask_of(each.view)
-            if mask.any():
-                added = from_image(
-                    each.image, each.depth, mask, each.view.camera, coefficients, SEEDS_PER_REFERENCE
-                )
-                start = start.joined(added)
+        masks = [stages.mask_of(each.view) for each in imagined]
+        for index in edited_first([torch.from_numpy(mask) for mask in masks], references.indices):
+            each = imagined[index]
+            added = from_image(
+                each.image, each.depth, masks[index], each.view.camera, coefficients, SEEDS_PER_REFERENCE
+            )
+            start = start.joined(added)
         result = fit(
             start, [each.target for each in imagined], extent, settings, effects=run.effects, seed=seed,
             held=torch.arange(len(start)) < len(cleared), checkpoint=folder / "checkpoint.pt", progress=True,

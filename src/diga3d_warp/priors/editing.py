@@ -58,8 +58,7 @@ def edit_views(
     windows = Windows.around(masks, prior)
     parts, holes = windows.cut(images), windows.cut(masks)
     followed = [replace(control, images=windows.cut(control.images)) for control in controls]
-    first = [windows.views.index(index) for index in references if index in windows.views]
-    first = first or [max(range(len(holes)), key=lambda k: int(holes[k].sum()))]
+    first = [windows.views.index(index) for index in edited_first(masks, references)]
     others = [k for k in range(len(parts)) if k not in first]
     turns = [[k] for k in first] + ([others] if others else [])
     # What removal goes away from, with nothing said about it: an image in which some object stands.
@@ -85,6 +84,12 @@ def edit_views(
         for k, part in list(zip(rows, edited, strict=True))[len(before) :]:
             parts[k] = part  # those before would be decoded once more, and drift
     return windows.put_back(images, parts)
+
+
+def edited_first(masks: Sequence[torch.Tensor], references: Sequence[int]) -> list[int]:
+    """Views that all others attend to: references with a mask or, without any, the one with the largest."""
+    shown = [index for index in references if bool(masks[index].any())]
+    return shown or [max(range(len(masks)), key=lambda index: int(masks[index].sum()))]
 
 
 def _counting(
