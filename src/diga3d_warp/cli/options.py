@@ -96,7 +96,7 @@ def add_prior(command: argparse.ArgumentParser) -> None:
         "--prior",
         default="exemplar",
         metavar="PRIOR",
-        help="what invents the part that no view saw: exemplar, classical, sd-inpainting, powerpaint, or a "
+        help="what invents what no photograph shows: exemplar, classical, sd-inpainting, powerpaint, or a "
         "folder in diffusers format (default exemplar)",
     )
     command.add_argument(
@@ -107,12 +107,12 @@ def add_prior(command: argparse.ArgumentParser) -> None:
         "--propagation",
         choices=["attention", "warp", "none"],
         help="how other views come to agree with the references: they attend to them (AFP), take their "
-        "pixels by depth, or not at all (default: by the prior)",
+        "pixels by depth, or not at all (default: attention with a Stable Diffusion prior, else warp)",
     )
     command.add_argument(
         "--tg-sds",
         action=argparse.BooleanOptionalAction,
-        help="refine the edit by score distillation (default: by the prior)",
+        help="refine the edit by score distillation (default: with a Stable Diffusion prior)",
     )
 
 

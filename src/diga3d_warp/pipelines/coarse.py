@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from diga3d_warp.gaussians.initialise import from_image
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.method import Method
-from diga3d_warp.pipelines.run import Run
+from diga3d_warp.pipelines.run import Run, say
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.propagation.appearance import propagate_appearance
 from diga3d_warp.propagation.fill import Fill, carry, fill_references
@@ -76,7 +75,7 @@ def propagate(
             found = propagate_appearance(
                 prior, fills, backgrounds, depths, references, method.sampling_for(prior),
                 attend=method.propagation == "attention", seed=seed, progress=progress,
-                say=lambda plan: print(plan, file=sys.stderr),
+                say=say,
             )  # fmt: skip
         _keep(folder, views, found)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -82,11 +81,6 @@ def check_built_in(choices: Choices) -> None:
             f"{' and '.join(unread)}: the built-in materials are painted without it; "
             "leave it out, or give --prior sd-inpainting, powerpaint or a folder"
         )
-
-
-def say(line: str) -> None:
-    """A line on stderr, as `diga3d` writes them."""
-    print(f"diga3d: {line}", file=sys.stderr, flush=True)
 
 
 def sampling_bar(label: str) -> Callable[[int, int], None]:

@@ -72,7 +72,7 @@ class Run:
         else:
             _check_empty(folder)
             if resume:
-                _say(f"nothing to resume in {folder}: starting")
+                say(f"nothing to resume in {folder}: starting")
             self._manifest = {
                 "command": command,
                 "command_line": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
@@ -102,11 +102,11 @@ class Run:
         """
         done = self.folder / "stages" / name
         if done.is_dir():
-            _say(f"{name}: finished earlier")
+            say(f"{name}: finished earlier")
         else:
             partial = done.with_name(f".{name}.partial")
             resumed = partial.is_dir()
-            _say(f"{name}: going on" if resumed else name)
+            say(f"{name}: going on" if resumed else name)
             self._compute(compute, partial, done, resumed)
         timing = read_json(done / TIMING, f"delete {done} and use --resume to compute it again")
         others = [stage for stage in self._manifest["stages"] if stage["name"] != name]
@@ -117,7 +117,7 @@ class Run:
     def note(self, line: str) -> None:
         """Tell the user a warning, once, and keep it in the manifest."""
         if line not in self._manifest["notes"]:
-            _say(f"note: {line}")
+            say(f"note: {line}")
             self._manifest["notes"].append(line)
             self._write_manifest()
 
@@ -153,7 +153,7 @@ class Run:
         write_json(partial / TIMING, timing)
         sync(partial)
         partial.rename(done)
-        _say(f"{done.name}: {timing['seconds']:.1f} s, peak memory {timing['peak_mib']} MiB")
+        say(f"{done.name}: {timing['seconds']:.1f} s, peak memory {timing['peak_mib']} MiB")
 
     def _write_manifest(self) -> None:
         seconds = self._earlier_seconds + time.perf_counter() - self._began
@@ -181,7 +181,8 @@ class Run:
                 self.note(f"resumed with {name} {version}, begun with {before}: bytes may differ")
 
 
-def _say(line: str) -> None:
+def say(line: str) -> None:
+    """A line on stderr, as `diga3d` writes them."""
     print(f"diga3d: {line}", file=sys.stderr, flush=True)
 
 

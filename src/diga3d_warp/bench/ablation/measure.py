@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from diga3d_warp.bench.ablation.trials import WEIGHTLESS, Trial
+from diga3d_warp.bench.ablation.trials import Trial
 from diga3d_warp.bench.room import BUDGET, CAPTURED, against_truth, share_stages, true_picture
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.consistency import depth_errors, disagreement
@@ -20,7 +20,7 @@ from diga3d_warp.pipelines.demo import TRUTH
 from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveResult, RemoveSettings, remove
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.stages import read_mask, read_picture
-from diga3d_warp.priors.named import load_prior
+from diga3d_warp.priors.named import BUILT_IN, load_prior
 from diga3d_warp.priors.protocol import Prior
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.scene import Scene
@@ -136,7 +136,7 @@ def priors_of(trials: Iterable[Trial]) -> dict[str, Prior | str]:
     """The priors of the trials by name; for one that cannot be measured here, a line that says why."""
     found: dict[str, Prior | str] = {}
     for name in dict.fromkeys(trial.prior for trial in trials):
-        if name in WEIGHTLESS or torch.cuda.is_available():
+        if name in BUILT_IN or torch.cuda.is_available():
             try:
                 found[name] = load_prior(name, task="remove", controls=("edges", "depth"))
             except InputError as error:

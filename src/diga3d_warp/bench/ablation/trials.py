@@ -9,9 +9,6 @@ from diga3d_warp.pipelines.method import CARRIED, PAPER, Method
 from diga3d_warp.priors.attention import AFP_WEIGHT
 from diga3d_warp.priors.distillation import DistillationSettings
 
-WEIGHTLESS = ("exemplar", "classical")
-"""Priors that are always measured; others where their weights and a CUDA device are there."""
-
 
 @dataclass(frozen=True)
 class Trial:
@@ -77,7 +74,8 @@ GROUPS: Mapping[str, Mapping[str, Trial]] = {
         "random": Trial(replace(PAPER, selection="random")),
     },
     "Prior (paper, appendix)": {
-        "exemplar (usual)": FULL,
+        "exemplar": FULL,
+        "exemplar, warped by DIBR (its default)": Trial(CARRIED),
         "classical, warped by DIBR": Trial(CARRIED, prior="classical"),
         "sd-inpainting": Trial(prior="sd-inpainting"),
         "powerpaint": Trial(prior="powerpaint"),
