@@ -151,3 +151,8 @@ def test_numbers_that_no_run_could_use_are_refused(option, tmp_path, capsys):
     assert stop.value.code == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
     assert not (tmp_path / "run").exists()
+
+
+def test_the_pipelines_accuracy_takes_no_scene(capsys):
+    assert cli.main(["bench", "accuracy", "--pipeline", "--scene", "captures/garden"]) == 2
+    assert "leave --scene out" in capsys.readouterr().err

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from diga3d_warp.cli.parsing import Commands, positive_int
+from diga3d_warp.errors import InputError
 
 
 def add_benchmarks(commands: Commands) -> None:
@@ -110,6 +111,8 @@ def _effects(out: Path, repeats: int) -> int:
 
 
 def _accuracy(out: Path, repeats: int, scene: Path | None, pipeline: bool) -> int:
+    if pipeline and scene is not None:
+        raise InputError("--pipeline measures a room of its own: leave --scene out")
     from diga3d_warp.bench.accuracy.page import bench_accuracy
     from diga3d_warp.bench.accuracy.pipeline import bench_pipeline
 
