@@ -95,20 +95,40 @@ def targets_of(views: Sequence[View], fills: Sequence[Fill]) -> list[Target]:
     ]
 
 
+def seeds_of(
+    views: Sequence[View], fills: Sequence[Fill], references: References, coefficients: int
+) -> list[Gaussians]:
+    """Gaussians on what each view invented.
+
+    What no reference shows, other views invent under attention, each for itself and most of it many times
+    over. Together they put on as many as one reference may.
+    """
+    invented = [int(fill.invented.sum()) for fill in fills]
+    by_others = sum(count for i, count in enumerate(invented) if i not in references.indices)
+    seeds = []
+    for i, (view, fill) in enumerate(zip(views, fills, strict=True)):
+        most = SEEDS_PER_REFERENCE
+        if i not in references.indices and by_others > most:
+            most = max(1, most * invented[i] // by_others)
+        if invented[i]:
+            seeds.append(from_image(fill.image, fill.depth, fill.invented, view.camera, coefficients, most))
+    return seeds
+
+
 def refit(
-    run: Run, cleared: stages.Cleared, fills: Sequence[Fill], extent: float, settings: FitSettings, seed: int
+    run: Run,
+    cleared: stages.Cleared,
+    fills: Sequence[Fill],
+    references: References,
+    extent: float,
+    settings: FitSettings,
+    seed: int,
 ) -> Gaussians:
     """Fit the hole to the filled views; gaussians that do not show there keep their values."""
 
     def compute(folder: Path) -> None:
-        coefficients = cleared.gaussians.sh.shape[1]
-        seeds = [
-            from_image(fill.image, fill.depth, fill.invented, view.camera, coefficients, SEEDS_PER_REFERENCE)
-            for view, fill in zip(cleared.views, fills, strict=True)
-            if fill.invented.any()
-        ]
         start = cleared.gaussians
-        for added in seeds:
+        for added in seeds_of(cleared.views, fills, references, start.sh.shape[1]):
             start = start.joined(added)
         result = fit(
             start, targets_of(cleared.views, fills), extent, settings, effects=run.effects, seed=seed,
