@@ -74,7 +74,7 @@ def test_guides_hold_no_renderings(monkeypatch):
     targets = [Target(camera, torch.zeros(24, 32, 3, dtype=torch.uint8)) for _ in range(8)]
     masks = [np.ones((24, 32), bool) for _ in targets]
     prior, cluster = ExemplarPrior(), np.arange(8) % 2
-    guided = fine._guided(
+    guided = fine.guided_targets(
         random_gaussians(50), targets, masks, References([0, 1], cluster), prior, prior.guidance,
         DistillationSettings(), Effects(), None,
     )  # fmt: skip
