@@ -12,7 +12,16 @@ def made_up(count: int, width: int, height: int, slower: float = 1.0) -> Size:
     """A pair takes 1 ns, a gaussian 1000 bytes beside 100 MiB, a pixel 50 bytes."""
     pairs = 360 * width * height * count // 120_000
     bytes_taken = 1000 * count + 50 * width * height
-    return Size(count, width, height, pairs, slower * 1e-9 * pairs, 1e-3, 100 + round(bytes_taken / 2**20))
+    return Size(
+        count,
+        width,
+        height,
+        pairs,
+        slower * 1e-9 * pairs,
+        1e-10 * pairs,
+        1e-3,
+        100 + round(bytes_taken / 2**20),
+    )
 
 
 def test_growth_is_judged_and_memory_is_that_of_one_more():
@@ -33,7 +42,7 @@ def test_page_and_plot_of_all_sizes(monkeypatch, tmp_path):
     assert [len(table.rows) for table in tables] == [5, 4, 4]
     text = (tmp_path / "sizes.md").read_text()
     assert f"`diga3d bench kernels --sizes --repeats 3 --out {tmp_path}`" in text
-    assert "| 1,000,000 | 648 x 420 | 816.5 | 816 | 1 | 1.00 |" in text
+    assert "| 1,000,000 | 648 x 420 | 816.5 | 816 | 82 | 1 | 1.00 | 0.90 |" in text
     assert "| 120,000 | 1760 x 1136 |" in text
     assert read_image(tmp_path / "sizes.png").std() > 15
 

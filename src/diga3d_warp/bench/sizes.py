@@ -39,6 +39,7 @@ class Size:
         width, height: Image size [px].
         listed_pairs: Pairs of a pixel and a gaussian that its tile lists.
         rasterise: Best time of sorting, binning and blending with its adjoint [s].
+        binning: The part of it that sorts and bins, and sums rows: work by gaussians as much as by pairs [s].
         others: Best time of the other stages together [s].
         peak_mib: Memory that the scene, its optimiser and a step of a fit added to the process at most [MiB].
     """
@@ -48,6 +49,7 @@ class Size:
     height: int
     listed_pairs: int
     rasterise: float
+    binning: float
     others: float
     peak_mib: int
 
@@ -95,7 +97,10 @@ def bench_sizes(out: Path, repeats: int) -> list[Table]:
 
 NOTES = """\
 One step of a fit on all cores. More gaussians are smaller ones, so that they cover the image as often. Memory
-is the peak that scene, optimiser and step add to a fresh process.
+is the peak that scene, optimiser and step add to a fresh process. Binning is the part of rasterising that
+sorts, bins and sums rows: each gaussian costs it something beside its pairs, so that with more and smaller
+gaussians it grows faster than the pairs do. Blending is the rest; with many gaussians their values leave the
+caches.
 """
 
 
@@ -138,6 +143,7 @@ def measure(count: int, width: int, height: int, repeats: int) -> Size:
         height,
         found.listed_pairs,
         rasterise=sum(best[name] for name in RASTERISER),
+        binning=best["sort and bin"] + best["sum rows"],
         others=sum(best[name] for name in OTHERS),
         peak_mib=peak,
     )
@@ -151,15 +157,17 @@ def size_table(title: str, sizes: Sequence[Size]) -> Table:
             f"{size.width} x {size.height}",
             f"{size.listed_pairs / 1e6:.1f}",
             f"{1e3 * size.rasterise:.0f}",
+            f"{1e3 * size.binning:.0f}",
             f"{1e3 * size.others:.0f}",
             f"{1e9 * size.rasterise / size.listed_pairs:.2f}",
+            f"{1e9 * (size.rasterise - size.binning) / size.listed_pairs:.2f}",
             f"{size.peak_mib}",
         )
         for size in sizes
     ]
     columns = [
-        "gaussians", "image [px]", "listed pairs [million]", "rasterise [ms]", "others [ms]", "ns a pair",
-        "peak [MiB]",
+        "gaussians", "image [px]", "listed pairs [million]", "rasterise [ms]", "binning [ms]", "others [ms]",
+        "ns a pair", "blending, ns a pair", "peak [MiB]",
     ]  # fmt: skip
     return Table(title, columns, rows)
 
