@@ -9,7 +9,7 @@ from diga3d_warp.kernels.patches import FAR, LANES, Keys, PatchForm, Queries, se
 FORM = PatchForm(radius=2, channels=4, kept=3)
 HEIGHT, WIDTH = 15, 19
 SOURCE_HEIGHT, SOURCE_WIDTH = 17, 13
-ALONG = (0.01, 0.03)
+ALONG = (0.01, 0.03, 0.5, -1.5)
 
 
 class Case:
@@ -43,7 +43,7 @@ class Case:
             for key in np.flatnonzero(self.scale > 0.0):
                 ky, kx = divmod(int(key), SOURCE_WIDTH)
                 k = self.source[ky - r : ky + r + 1, kx - r : kx + r + 1].astype(float)
-                way = ALONG[0] * (kx - x) ** 2 + ALONG[1] * (ky - y) ** 2
+                way = ALONG[0] * (kx - x - ALONG[2]) ** 2 + ALONG[1] * (ky - y - ALONG[3]) ** 2
                 far[i, key] = self.scale[ky, kx] * ((w * (q - k) ** 2).sum() + way)
         return far
 
@@ -121,7 +121,8 @@ def test_repeated_steps_find_a_copy(device):
     assert inside.sum() > 40
     expected = (y + 2) * SOURCE_WIDTH + x - 1
     np.testing.assert_array_equal(candidates[inside, 0], expected[inside])
-    np.testing.assert_allclose(distances[inside, 0], 4 * ALONG[1] + ALONG[0], rtol=1e-4)
+    way = ALONG[0] * (-1 - ALONG[2]) ** 2 + ALONG[1] * (2 - ALONG[3]) ** 2
+    np.testing.assert_allclose(distances[inside, 0], way, rtol=1e-4)
 
 
 def test_neighbours_hand_on_what_they_found(device):
