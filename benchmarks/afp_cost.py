@@ -143,7 +143,8 @@ def table(repeats: int) -> str:
         "",
         f"Measured on a UNet of width {NARROW} instead of {WIDTH}, random weights, 512 x 512, float32: "
         f"processor seconds of {torch.get_num_threads()} threads on",
-        f"{_processor()}, least of {repeats}, load average {os.getloadavg()[0]:.0f}.",
+        f"{_processor()}, least of {repeats}, load average {os.getloadavg()[0]:.0f}. Attention",
+        "is a larger share of it than of the real one, for which the operations above tell more.",
         "",
         "| K | without | reading | ratio |",
         "|---:|---:|---:|---:|",

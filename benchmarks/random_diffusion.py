@@ -2,6 +2,7 @@
 
 import torch
 
+from diga3d_warp.priors.protocol import Prompts
 from diga3d_warp.priors.schedule import Schedule
 from diga3d_warp.priors.stable_diffusion.model import Parts, StableDiffusionPrior
 from diga3d_warp.priors.stable_diffusion.text import TextEncoder
@@ -59,4 +60,4 @@ def random_prior(width: int, device: str, controls: tuple[str, ...] = ()) -> Sta
     )
     for model in (parts.unet, parts.vae, text, *parts.controlnets.values()):
         model.eval().requires_grad_(False)
-    return StableDiffusionPrior("random", parts, device)
+    return StableDiffusionPrior("random", parts, device, prompting=lambda *_: Prompts(None, None))
