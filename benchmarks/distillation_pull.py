@@ -39,7 +39,7 @@ SHARES = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.98)
 def pulled(guide: TextureGeometryGuide, image: torch.Tensor, share: float, seed: int) -> torch.Tensor:
     """What the prior takes a rendering (H, W, 3) for, once noise of one level is added, shape (H, W, 3)."""
     prior, generator = guide.prior, torch.Generator().manual_seed(seed)
-    t = min(int(share * len(prior.schedule)), len(prior.schedule) - 1)
+    t = prior.schedule.timestep(share)
     z = prior.encode_image(image[None])
     known = image if guide.known is None else guide.known
     cond = prior.conditioning(known[None], guide.mask[None])
@@ -95,7 +95,7 @@ def table(demo: Path) -> str:
     ]
     for share in SHARES:
         prior = guides[0].prior
-        alpha = prior.schedule.alpha(min(int(share * len(prior.schedule)), len(prior.schedule) - 1))
+        alpha = prior.schedule.alpha(prior.schedule.timestep(share))
         there = [pulled(guide, image, share, 0) for guide, image in zip(guides, images, strict=True)]
         noise = ((1.0 - alpha) / alpha) ** 0.5
         lines.append(f"| {share} | {noise:.2g} | {psnr(there, truths, masks):.2f} |")

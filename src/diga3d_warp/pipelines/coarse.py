@@ -14,7 +14,7 @@ from diga3d_warp.gaussians.initialise import from_image
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.method import Method
-from diga3d_warp.pipelines.run import Run, say
+from diga3d_warp.pipelines.run import Run, sampling_bar, say
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.propagation.appearance import propagate_appearance
 from diga3d_warp.propagation.fill import Fill, carry, fill_references
@@ -64,19 +64,16 @@ def propagate(
         return list(fills)
     assert isinstance(prior, DiffusionPrior), "check_method refuses others"
 
+    sampling = method.sampling_for(prior)
+    total = len(prior.schedule.timesteps(sampling.steps, sampling.strength))
+
     def compute(folder: Path) -> None:
-        from tqdm import tqdm
-
-        with tqdm(desc="propagate", unit="step") as bar:
-
-            def progress(done: int) -> None:
-                bar.update(done - bar.n)
-
-            found = propagate_appearance(
-                prior, fills, backgrounds, depths, references, method.sampling_for(prior),
-                attend=method.propagation == "attention", seed=seed, progress=progress,
-                say=say,
-            )  # fmt: skip
+        bar = sampling_bar("propagate")
+        found = propagate_appearance(
+            prior, fills, backgrounds, depths, references, sampling,
+            attend=method.propagation == "attention", seed=seed, say=say,
+            progress=lambda done: bar(done, total),
+        )  # fmt: skip
         _keep(folder, views, found)
 
     return read_fills(run.stage("propagate", compute), views)
@@ -149,6 +146,7 @@ def _keep(folder: Path, views: Sequence[View], fills: Sequence[Fill]) -> None:
 
 
 def read_fills(folder: Path, views: Sequence[View]) -> list[Fill]:
+    """The fills of a stage's folder, one a view."""
     fills = []
     for view in views:
         with np.load(folder / f"{view.name}.npz") as planes:

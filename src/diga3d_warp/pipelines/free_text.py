@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from diga3d_warp.errors import InputError
@@ -81,21 +80,3 @@ def check_built_in(choices: Choices) -> None:
             f"{' and '.join(unread)}: the built-in materials are painted without it; "
             "leave it out, or give --prior sd-inpainting, powerpaint or a folder"
         )
-
-
-def sampling_bar(label: str) -> Callable[[int, int], None]:
-    """A bar on stderr, to be called after each timestep with how many are done and how many there are."""
-    from tqdm import tqdm
-
-    bar: tqdm | None = None
-
-    def progress(done: int, total: int) -> None:
-        nonlocal bar
-        if bar is None:
-            bar = tqdm(desc=label, unit="step", total=total, dynamic_ncols=True)
-        bar.update(done - bar.n)
-        if done == total:
-            bar.close()
-            bar = None
-
-    return progress

@@ -18,8 +18,8 @@ from diga3d_warp.objects.surface import Sight
 from diga3d_warp.perception.depth import DepthEstimator, align_disparity
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.coarse import SEEDS_PER_REFERENCE
-from diga3d_warp.pipelines.free_text import FreeText, sampling_bar
-from diga3d_warp.pipelines.run import Run, say
+from diga3d_warp.pipelines.free_text import FreeText
+from diga3d_warp.pipelines.run import Run, sampling_bar, say
 from diga3d_warp.priors.editing import edit_views, edited_first
 from diga3d_warp.propagation.references import References
 from diga3d_warp.scene.scene import View

@@ -33,11 +33,11 @@ from diga3d_warp.objects.picture import chosen_material
 from diga3d_warp.objects.repaint import MaterialRepainter, Repainter
 from diga3d_warp.pipelines import carrying, fine, marking, recolouring, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
-from diga3d_warp.pipelines.free_text import FreeText, check_built_in, reads_free_text, sampling_bar
+from diga3d_warp.pipelines.free_text import FreeText, check_built_in, reads_free_text
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, read_marks
 from diga3d_warp.pipelines.method import CARRIED, Choices, Method
 from diga3d_warp.pipelines.remove import DISTIL
-from diga3d_warp.pipelines.run import Run, say
+from diga3d_warp.pipelines.run import Run, sampling_bar, say
 from diga3d_warp.priors.named import load_prior
 from diga3d_warp.priors.protocol import ControlKind, DiffusionPrior
 from diga3d_warp.scene.load import load_scene

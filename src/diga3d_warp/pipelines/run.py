@@ -186,6 +186,24 @@ def say(line: str) -> None:
     print(f"diga3d: {line}", file=sys.stderr, flush=True)
 
 
+def sampling_bar(label: str) -> Callable[[int, int], None]:
+    """A bar on stderr, to be called after each timestep with how many are done and how many there are."""
+    from tqdm import tqdm
+
+    bar: tqdm | None = None
+
+    def progress(done: int, total: int) -> None:
+        nonlocal bar
+        if bar is None:
+            bar = tqdm(desc=label, unit="step", total=total, dynamic_ncols=True)
+        bar.update(done - bar.n)
+        if done == total:
+            bar.close()
+            bar = None
+
+    return progress
+
+
 def _json_value(value: Any) -> Any:
     """A setting as JSON stores it, so that it compares equal when read back."""
     if isinstance(value, os.PathLike):

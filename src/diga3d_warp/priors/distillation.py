@@ -102,7 +102,7 @@ def distillation_timestep(
         share = settings.t_max - span * progress**0.5
     else:
         share = settings.t_min + span * float(torch.rand((), generator=generator))
-    return min(int(share * len(schedule)), len(schedule) - 1)
+    return schedule.timestep(share)
 
 
 def distillation_loss(

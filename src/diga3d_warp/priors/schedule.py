@@ -51,6 +51,10 @@ class Schedule:
         stride = len(self) // steps
         return [min(k * stride + self.offset, len(self) - 1) for k in reversed(range(taken))]
 
+    def timestep(self, share: float) -> int:
+        """The timestep at a share of the schedule, 0 the least noisy, 1 the noisiest."""
+        return min(int(share * len(self)), len(self) - 1)
+
     def alpha(self, t: int | None) -> float:
         """abar at a timestep; None is the end of sampling."""
         return self.final if t is None else float(self.alphas_cumprod[t])

@@ -63,6 +63,8 @@ class StableDiffusionPrior:
         sampling: Of views, and of `fill`.
     """
 
+    learned = True
+
     def __init__(
         self,
         name: str,
@@ -76,7 +78,6 @@ class StableDiffusionPrior:
         sampling: SamplingSettings | None = None,
     ) -> None:
         self.name = name
-        self.learned = True
         self.parts = parts
         self.device = torch.device(device)
         self.dtype = torch.float16 if self.device.type == "cuda" else torch.float32
