@@ -214,3 +214,46 @@ def test_planning_reads_no_gradient_and_leaves_the_scene(matte):
     plan_effects(matte)
     assert all(np.array_equal(a, view.pixels) for a, view in zip(before, matte.views, strict=True))
     assert torch.is_grad_enabled()
+
+
+def cut_out(scene, share: float, every: int = 1):
+    """The scene with a transparent part, a share of the width from the left, in each `every`-th view."""
+    views = []
+    for number, view in enumerate(scene.views):
+        alpha = np.full(view.pixels.shape[:2], 255, np.uint8)
+        alpha[:, : round(share * WIDTH)] = 0
+        pixels = np.where(alpha[..., None] > 0, view.pixels, 255).astype(np.uint8)
+        cut = number % every == 0
+        views.append(replace(view, pixels=pixels, alpha=alpha) if cut else view)
+    return replace(scene, views=views)
+
+
+def test_transparent_pixels_call_for_a_background_and_for_nothing_else(matte):
+    plan = plan_effects(cut_out(matte, 0.25))
+    assert plan.effects == Effects(**{**vars(OFF), "background": True})
+    assert by(plan, "background") == "scene"
+    assert said(plan, "background") == "25 % of all pixels are transparent, in 14 of 14 photographs"
+    assert "12.5 %" in said(plan_effects(cut_out(matte, 0.25, every=2)), "background")
+    assert said(plan_effects(cut_out(matte, 0.25, every=2)), "background").endswith("7 of 14 photographs")
+    costed = priced(plan, initialise(matte.points), matte.views[0].camera)
+    assert next(choice for choice in costed.choices if choice.effect == "background").cost_ms is not None
+
+
+def test_opaque_photographs_call_for_no_background(matte):
+    plan = plan_effects(matte)
+    assert not plan.effects.background
+    assert said(plan, "background") == "the photographs cover their frames"
+
+
+def test_the_user_has_the_last_word_on_the_background(matte):
+    for scene, wish in ((cut_out(matte, 0.25), False), (matte, True)):
+        plan = plan_effects(scene, overrides={"background": wish})
+        assert plan.effects.background is wish and by(plan, "background") == "user"
+
+
+def test_points_are_not_read_where_a_photograph_is_transparent(matte):
+    """The floor's points on white would be outliers, and near the rim a little too bright."""
+    observed = observe(cut_out(matte, 0.25), THRESHOLDS)
+    whole = observe(matte, THRESHOLDS)
+    assert 0.5 < observed.seen.sum() / whole.seen.sum() < 0.9
+    assert np.nanmax(observed.colors) < np.nanmax(whole.colors) + 0.02

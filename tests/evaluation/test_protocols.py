@@ -89,8 +89,9 @@ def test_fitted_exposures_add_a_figure_of_their_own(toy_run):
 
 
 def test_effects_of_a_run_come_from_its_manifest():
-    assert run_effects({}) == Effects(depth=False)
-    choices = [{"effect": "antialias", "value": True, "by": "user"}, {"effect": "depth", "value": True}]
+    assert run_effects({}) == Effects(depth=False, background=False)
+    chosen = {"antialias": True, "background": True, "depth": True}
+    choices = [{"effect": name, "value": value, "by": "user"} for name, value in chosen.items()]
     assert run_effects({"effects": {"choices": choices}}) == Effects(antialias=True, depth=False)
 
 

@@ -12,6 +12,7 @@ from diga3d_warp.effects.observations import Observations
 from diga3d_warp.effects.thresholds import LEVELS, Thresholds
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.optics import optics_of
 from diga3d_warp.splatting.render import render
 from diga3d_warp.splatting.shade import MAX_DEGREE
@@ -45,6 +46,13 @@ def footprint_spread(observed: Observations) -> float:
     """Median over points of the largest over the smallest sampling in the views that see them [ratio]."""
     nearest, farthest = np.nanmax(observed.sampling, 0), np.nanmin(observed.sampling, 0)
     return float(np.median(nearest / farthest))
+
+
+def transparency(views: Sequence[View]) -> tuple[float, int]:
+    """Transparent part of the area of all photographs [ratio], and how many have any."""
+    parts = [0.0 if view.alpha is None else 1.0 - float(view.alpha.mean()) / LEVELS for view in views]
+    areas = [view.pixels.shape[0] * view.pixels.shape[1] for view in views]
+    return float(np.average(parts, weights=areas)), sum(part > 0.0 for part in parts)
 
 
 def color_transforms(observed: Observations, thresholds: Thresholds) -> np.ndarray:

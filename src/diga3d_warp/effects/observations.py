@@ -52,7 +52,7 @@ def observe(scene: Scene, thresholds: Thresholds) -> Observations:
     """
     views = _spread(scene.views, thresholds.views_most)
     positions = np.asarray(_spread(scene.points.positions, thresholds.points_most), np.float64)
-    placed = [_place(positions, view.camera, thresholds) for view in views]
+    placed = [_place(positions, view, thresholds) for view in views]
     count = np.zeros(len(positions), int)
     for pixels in placed:
         count += np.isfinite(pixels[:, 0])
@@ -64,7 +64,8 @@ def observe(scene: Scene, thresholds: Thresholds) -> Observations:
         offsets = positions[chosen] - view.camera.center
         directions[row] = offsets / np.linalg.norm(offsets, axis=1, keepdims=True).clip(1e-12)
         seen = np.nonzero(np.isfinite(pixels[chosen, 0]))[0]
-        colors[row, seen] = _read(view, pixels[chosen[seen]], thresholds)
+        small = _small(view.camera, thresholds)
+        colors[row, seen] = _read(view.pixels, small, pixels[chosen[seen]], thresholds)
         depth = offsets[seen] @ view.camera.forward
         sampling[row, seen] = 0.5 * (view.camera.fx + view.camera.fy) / depth
     return Observations(colors, directions, sampling)
@@ -84,9 +85,9 @@ def _small(camera: Camera, thresholds: Thresholds) -> Camera:
     return camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
 
 
-def _place(positions: np.ndarray, camera: Camera, thresholds: Thresholds) -> np.ndarray:
-    """Pixels of points in the small image, shape (N, 2); NaN where they are outside or hidden."""
-    small = _small(camera, thresholds)
+def _place(positions: np.ndarray, view: View, thresholds: Thresholds) -> np.ndarray:
+    """Pixels of points in the small image, shape (N, 2); NaN where outside, hidden, or not opaque."""
+    small = _small(view.camera, thresholds)
     means = torch.from_numpy(positions.astype(np.float32))
     count = len(means)
     quaternions = means.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(count, 4)
@@ -96,6 +97,8 @@ def _place(positions: np.ndarray, camera: Camera, thresholds: Thresholds) -> np.
     pixels, depths = points.centers.numpy(), points.depths.numpy()
     high = np.array([small.width, small.height]) - BORDER
     inside = (points.extents.numpy()[:, 0] > 0.0) & ((pixels > BORDER) & (pixels < high)).all(1)
+    if view.alpha is not None:
+        inside[inside] = _read(view.alpha, small, pixels[inside], thresholds) >= thresholds.opaque
     rows = np.nonzero(inside)[0]
     area = small.width * small.height
     side = max(np.sqrt(thresholds.points_per_cell * area / max(len(rows), 1)), thresholds.cell_side_least)
@@ -118,13 +121,14 @@ def _in_front(pixels: np.ndarray, depths: np.ndarray, side: float, tolerance: fl
     return visible
 
 
-def _read(view: View, pixels: np.ndarray, thresholds: Thresholds) -> np.ndarray:
-    """Colours of a view at pixels (M, 2) of the small image, shape (M, 3), in [0, 1]."""
+def _read(image: np.ndarray, small: Camera, pixels: np.ndarray, thresholds: Thresholds) -> np.ndarray:
+    """An image, RGB or of one channel, at pixels (M, 2) of the small one: shape (M, 3) or (M,), in [0, 1]."""
     import cv2
     from scipy.ndimage import map_coordinates
 
-    small = _small(view.camera, thresholds)
-    image = cv2.resize(view.pixels, (small.width, small.height), interpolation=cv2.INTER_AREA)
+    image = cv2.resize(image, (small.width, small.height), interpolation=cv2.INTER_AREA)
     image = cv2.GaussianBlur(image.astype(np.float32) / 255.0, (0, 0), thresholds.blur)
     places = pixels.T[::-1] - 0.5
+    if image.ndim == 2:
+        return map_coordinates(image, places, order=1)
     return np.stack([map_coordinates(image[..., k], places, order=1) for k in range(3)], axis=1)

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from diga3d_warp.errors import InputError
 
-SWITCHES = ("lens", "antialias", "exposure", "pixel_order")
-"""Effects that are on or off. Depth, normals, background and determinism follow the task, not a wish."""
+SWITCHES = ("lens", "antialias", "exposure", "background", "pixel_order")
+"""Effects that are on or off. Depth, normals and determinism follow the task, not a wish."""
 
 DEGREES = ("0", "1", "2", "3")
 

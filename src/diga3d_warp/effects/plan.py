@@ -104,8 +104,8 @@ def plan_effects(
     """Decide from a scene which effects to simulate.
 
     The evidence is that of the training views: displacement by the lens, drift of colours between views and
-    their change with direction on the sparse points, the spread of distances, and the reach of gaussians in
-    depth. Nothing is fitted. It takes a few seconds.
+    their change with direction on the sparse points, the spread of distances, the reach of gaussians in
+    depth, and transparent pixels. Nothing is fitted. It takes a few seconds.
 
     Args:
         scene: With sparse points and at least two views.
@@ -157,7 +157,7 @@ def plan_effects(
     choose("depth", False, "stages that compare depth ask for it", "task")
     choose("median_depth", False, "no stage compares it", "task")
     choose("normals", False, "no stage compares them", "task")
-    choose("background", False, "the photographs cover their frames", "task")
+    choose("background", *_background(scene, thresholds))
     choose("deterministic", False, "sums on CPU have a fixed order without it", "task")
     order = [entry.name for entry in fields(Effects)]
     return EffectsPlan(tuple(sorted(choices, key=lambda c: order.index(c.effect))), tuple(notes))
@@ -179,6 +179,14 @@ def _antialias(observed: Observations, thresholds: Thresholds) -> tuple[bool, st
         spread >= thresholds.footprint_spread,
         f"the median point is seen at distances of 1 : {spread:.2f}",
     )
+
+
+def _background(scene: Scene, thresholds: Thresholds) -> tuple[bool, str]:
+    part, count = evidence.transparency(scene.views)
+    if not count:
+        return False, "the photographs cover their frames"
+    said = f"{100 * part:.3g} % of all pixels are transparent, in {count} of {len(scene.views)} photographs"
+    return part >= thresholds.transparency, said
 
 
 def _splat_order(scene: Scene, gaussians: Gaussians, thresholds: Thresholds) -> str:

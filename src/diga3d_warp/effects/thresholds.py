@@ -29,6 +29,8 @@ class Thresholds:
         footprint_spread: Ratio of the largest to the smallest distance at which the median point is seen,
             in pixels per length. From an octave on, a splat that was fitted near is too thick or too bright
             far away (Mip-Splatting, Yu et al. 2024, whose experiments begin at a factor of 2).
+        transparency: Least part of the photographs' area that is transparent [ratio]. It is 30 px of
+            640 x 480: less are stray pixels of an export, and whatever was cut out leaves a multiple.
         order_side: Longest side of the pictures in which the order of gaussians is compared [px]: sorting
             each pixel is slow.
         image_side: Longest side of the images that colours are read from [px]. A pixel of them averages over
@@ -36,6 +38,8 @@ class Thresholds:
         blur: Standard deviation of the blur before reading [px]; for the same reason.
         views_most: Views that are read, spread evenly. Bounds the time.
         points_most: Points that are projected, spread evenly; they also hide each other.
+        opaque: Least opacity of a photograph, after the blur, where a point's colour is read. Elsewhere the
+            background shines through by more than two levels.
         points_read: Points whose colours are compared. The drift of a view is then known to 0.1 level.
         views_least: Views that must see a point. Fewer cannot tell a degree of 2 from chance.
         points_least: Points that are needed to say anything, in all and in a view.
@@ -55,11 +59,13 @@ class Thresholds:
     view_dependence: float = 2.0
     worst_share: float = 0.1
     footprint_spread: float = 2.0
+    transparency: float = 1e-4
     order_side: int = 160
     image_side: int = 320
     blur: float = 1.0
     views_most: int = 48
     points_most: int = 60_000
+    opaque: float = 0.99
     points_read: int = 1500
     views_least: int = 8
     points_least: int = 50

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from diga3d_warp.scene.images import BACKGROUND
+
 SSIM_WINDOW = 11
 """Side of SSIM's Gaussian window [px], sigma 1.5 px: Wang et al. 2004, and 3DGS. A bounding box is grown to
 at least this size, for a window must fit."""
@@ -106,7 +108,7 @@ def compare(
     return {region: scores[region] for region in REGIONS if region in scores}
 
 
-def matched(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+def matched(image: torch.Tensor, truth: torch.Tensor, alpha: np.ndarray | None = None) -> torch.Tensor:
     """An image after the affine colour transform that brings it closest to another, (H, W, 3).
 
     Least squares over all pixels, gain 3 x 3 and offset. It takes exposure and white balance out of a
@@ -114,13 +116,19 @@ def matched(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
 
     Args:
         image, truth: RGB in [0, 1], shape (H, W, 3).
+        alpha: Opacity of the truth, shape (H, W), uint8: what shines through it has no exposure.
     """
     colors = image.detach().double().clamp(0.0, 1.0).reshape(-1, 3)
     known = torch.cat([colors, torch.ones_like(colors[:, :1])], dim=1)
     wanted = truth.detach().double().reshape(-1, 3)
     # A flat image leaves the gain open: the smallest solution is taken.
-    solution = torch.linalg.lstsq(known, wanted, driver="gelsd").solution
-    return (known @ solution).reshape(truth.shape).to(truth.dtype)
+    opacity = torch.ones(len(known), 1, dtype=torch.float64)
+    if alpha is not None:
+        opacity = torch.from_numpy(alpha).double().reshape(-1, 1) / 255.0
+    solution = torch.linalg.lstsq(opacity * known, opacity * wanted, driver="gelsd").solution
+    background = torch.tensor([*BACKGROUND, 1.0], dtype=torch.float64)
+    through = (1.0 - opacity) * (background[:3] - background @ solution)
+    return (known @ solution + through).reshape(truth.shape).to(truth.dtype)
 
 
 def mean_scores(views: Iterable[Mapping[str, Score]]) -> dict[str, Score]:

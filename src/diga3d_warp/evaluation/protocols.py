@@ -5,7 +5,8 @@ held-out
     there the splat before the edit is scored on all pixels, the edited one on unmasked pixels only, and the
     two against each other on unmasked pixels: what the edit should have left alone. Pictures are compared as
     they render. Where a fit had exposures, it is compared a second time under a name of its own, after the
-    affine colour transform that suits each photograph best, which has then seen the photograph.
+    affine colour transform that suits each photograph best, which has then seen the photograph. Photographs
+    with transparent pixels and their renderings are compared over white, as in NeRF-synthetic's protocol.
 spin-nerf
     Against the photographs without the object that a SPIn-NeRF scene brings: whole, over the mask, over the
     mask's bounding box. Any image scale; figures of different scales do not compare.
@@ -15,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,7 @@ from diga3d_warp.evaluation.tables import Table, score_table
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.cameras_file import load_cameras
+from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.splatting.render import render
 
@@ -143,11 +145,14 @@ def _fitted(folder: Path, views: list[View], effects: Effects) -> list[Compariso
     A photograph that was not fitted has no exposure of its own, so the first is uncorrected.
     """
     draw = _renderer(folder / RESULT, effects)
-    pictures = {view.name: (draw(view.camera), view.image) for view in views}
-    plain = {name: compare(picture, photo) for name, (picture, photo) in pictures.items()}
+    pictures = {view.name: draw(view.camera) for view in views}
+    plain = {view.name: compare(pictures[view.name], view.image) for view in views}
     comparisons = [Comparison("fit against photographs", plain)]
     if effects.exposure:
-        even = {name: compare(matched(picture, photo), photo) for name, (picture, photo) in pictures.items()}
+        even = {
+            view.name: compare(matched(pictures[view.name], view.image, view.alpha), view.image)
+            for view in views
+        }
         comparisons.append(Comparison("fit, colours matched to each photograph", even))
     return comparisons
 
@@ -215,7 +220,7 @@ def _test_views(folder: Path, scene: Scene) -> list[View]:
         if view.name in cameras:
             height, width = view.pixels.shape[:2]
             camera = cameras[view.name].resized(width, height)
-            views.append(View(view.name, camera, view.pixels, view.mask))
+            views.append(replace(view, camera=camera))
     if not views:
         raise InputError(f"{folder} held out no views to measure on: run it with --hold-out 8")
     return views
@@ -241,7 +246,7 @@ def _renderer(path: Path, effects: Effects) -> Callable[[Camera], torch.Tensor]:
 
     def draw(camera: Camera) -> torch.Tensor:
         with torch.no_grad():
-            return render(gaussians, camera, effects=effects).color
+            return render(gaussians, camera, effects=effects, background=BACKGROUND).color
 
     return draw
 

@@ -16,7 +16,6 @@ The folder holds
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -54,10 +53,11 @@ def run_effects(manifest: Mapping[str, Any]) -> Effects:
     """The effects with which a run's splats were fitted and are to be rendered, without depth.
 
     Args:
-        manifest: Of the run; one that names no effects was rendered with the defaults.
+        manifest: Of the run; one that names no effects was rendered with the defaults and nothing behind.
     """
     choices = manifest.get("effects", {}).get("choices", [])
-    return replace(Effects(**{choice["effect"]: choice["value"] for choice in choices}), depth=False)
+    chosen = {choice["effect"]: choice["value"] for choice in choices}
+    return Effects(**{"background": False, **chosen, "depth": False})
 
 
 def read_metrics(folder: Path) -> dict[str, Any]:

@@ -22,6 +22,7 @@ import numpy as np
 import torch
 
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.images import BACKGROUND
 
 
 @dataclass(frozen=True)
@@ -64,9 +65,15 @@ def exposed(color: torch.Tensor, transform: torch.Tensor) -> torch.Tensor:
     return color @ transform[:, :3].T + transform[:, 3]
 
 
+def unexposed(color: torch.Tensor, transform: torch.Tensor) -> torch.Tensor:
+    """Colours that one exposure shows as these, shape (..., 3): the inverse of `exposed`."""
+    return (color - transform[:, 3]) @ torch.linalg.inv(transform[:, :3]).T
+
+
 def best_transform(
-    color: torch.Tensor, photograph: torch.Tensor, weight: torch.Tensor | None, present: torch.Tensor
-) -> torch.Tensor:
+    color: torch.Tensor, photograph: torch.Tensor, weight: torch.Tensor | None, present: torch.Tensor,
+    alpha: torch.Tensor | None = None,
+) -> torch.Tensor:  # fmt: skip
     """The transform that brings a rendering closest to its photograph, shape (3, 4), without gradient.
 
     Weighted least squares with a ridge towards the identity. Weights fall with the error under the present
@@ -77,14 +84,19 @@ def best_transform(
         photograph: shape (H, W, 3).
         weight: Trust in each pixel in [0, 1], shape (H, W); None for 1 everywhere.
         present: The transform so far, shape (3, 4).
+        alpha: Opacity of the rendering, shape (H, W), if both images are over black: as much of the offset is
+            added. None for 1 everywhere.
     """
     color, photograph = color.detach(), photograph.detach()
-    error = (exposed(color, present) - photograph).norm(dim=2)
+    opacity = torch.ones(color.shape[:2]) if alpha is None else alpha.detach()
+    known = torch.cat([color, opacity[..., None]], dim=2)
+    shown = color @ present[:, :3].T + opacity[..., None] * present[:, 3]
+    error = (shown - photograph).norm(dim=2)
     trust = 1.0 / (1.0 + (error / error.mean().clamp_min(1.0 / 255.0)) ** 2)
     if weight is not None:
         trust = trust * weight
     trust = trust.reshape(-1, 1).double()
-    known = torch.cat([color.reshape(-1, 3), torch.ones(color.numel() // 3, 1)], dim=1).double()
+    known = known.reshape(-1, 4).double()
     total = trust.sum().clamp_min(1e-12)
     ridge = SETTINGS.identity_weight * torch.eye(4, dtype=torch.float64)
     normal = known.T @ (trust * known) / total + ridge
@@ -93,7 +105,7 @@ def best_transform(
     return torch.linalg.solve(normal, wanted).T.float()
 
 
-def evened(pixels: np.ndarray, transform: torch.Tensor) -> np.ndarray:
+def evened(pixels: np.ndarray, transform: torch.Tensor, alpha: np.ndarray | None = None) -> np.ndarray:
     """A photograph with its exposure undone, as if taken with the mean exposure, uint8 (H, W, 3).
 
     What the photograph clipped stays clipped. A gain too small to be undone leaves the photograph as it is.
@@ -101,12 +113,16 @@ def evened(pixels: np.ndarray, transform: torch.Tensor) -> np.ndarray:
     Args:
         pixels: RGB, shape (H, W, 3), uint8.
         transform: Of this photograph, shape (3, 4).
+        alpha: Its opacity, shape (H, W), uint8: the background behind it has no exposure, and stays.
     """
-    gain, offset = transform[:, :3].double(), transform[:, 3].double()
-    if float(torch.linalg.svdvals(gain).min()) < SETTINGS.gain_least:
+    transform = transform.double()
+    if float(torch.linalg.svdvals(transform[:, :3]).min()) < SETTINGS.gain_least:
         return pixels
-    color = torch.from_numpy(pixels).double() / 255.0
-    undone = (color - offset) @ torch.linalg.inv(gain).T
+    undone = unexposed(torch.from_numpy(pixels).double() / 255.0, transform)
+    if alpha is not None:
+        through = 1.0 - torch.from_numpy(alpha).double()[..., None] / 255.0
+        background = torch.tensor(BACKGROUND, dtype=torch.float64)
+        undone = undone + through * (background - unexposed(background, transform))
     return (undone.clamp(0.0, 1.0) * 255.0).round().to(torch.uint8).numpy()
 
 
@@ -131,8 +147,9 @@ class Exposures:
         self._followed = left[:, strength > SETTINGS.rank_least * strength[0]].float()
 
     def update(
-        self, image: int, color: torch.Tensor, photograph: torch.Tensor, weight: torch.Tensor | None
-    ) -> None:
+        self, image: int, color: torch.Tensor, photograph: torch.Tensor, weight: torch.Tensor | None,
+        alpha: torch.Tensor | None = None,
+    ) -> None:  # fmt: skip
         """Move the transform of one image towards the best one, and take from all what gaussians can follow.
 
         Args:
@@ -140,9 +157,10 @@ class Exposures:
             color: Rendered RGB before any transform, shape (H, W, 3).
             photograph: shape (H, W, 3).
             weight: Trust in each pixel, shape (H, W); None for 1 everywhere.
+            alpha: As `best_transform` takes it.
         """
         present = self.transforms[image]
-        best = best_transform(color, photograph, weight, present)
+        best = best_transform(color, photograph, weight, present, alpha)
         self.transforms[image] = present + SETTINGS.share * (best - present)
         change = (self.transforms - IDENTITY).reshape(len(self.transforms), 12)
         change -= self._followed @ (self._followed.T @ change)

@@ -15,13 +15,14 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.files import whole_file
 from diga3d_warp.gaussians.density import DensitySettings, relocate_and_grow, walk
 from diga3d_warp.gaussians.exposure import SETTINGS as EXPOSING
-from diga3d_warp.gaussians.exposure import Exposures, exposed
+from diga3d_warp.gaussians.exposure import Exposures, exposed, unexposed
 from diga3d_warp.gaussians.losses import depth_loss, photometric_loss
 from diga3d_warp.gaussians.optimiser import GaussianAdam, LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.splatting.project import Projection
-from diga3d_warp.splatting.render import render
+from diga3d_warp.splatting.render import Rendering, render
 
 
 @dataclass(frozen=True)
@@ -71,13 +72,15 @@ class Target:
 
     Attributes:
         camera: Camera at the size of the image.
-        image: RGB, shape (H, W, 3), float32 in [0, 1] or uint8.
+        image: RGB, shape (H, W, 3), float32 in [0, 1] or uint8; over `BACKGROUND` where it is transparent.
         weight: Trust in each pixel in [0, 1], shape (H, W); None for 1 everywhere. A pixel of weight 0
             receives no gradient.
         depth: z along the camera axis [scene units], shape (H, W); 0 where it is not known. None: nowhere.
         relative_depth: `depth` is right up to scale and shift only, as from a monocular estimator; it is
             aligned to the rendering at every step.
         guide: Further loss on the rendering, such as score distillation; None for none.
+        alpha: Opacity of the image, shape (H, W), uint8. None: the image is compared as it is, over whatever
+            `render` puts behind gaussians by default.
     """
 
     camera: Camera
@@ -86,11 +89,27 @@ class Target:
     depth: torch.Tensor | None = None
     relative_depth: bool = False
     guide: Guide | None = None
+    alpha: torch.Tensor | None = None
 
     @property
     def color(self) -> torch.Tensor:
         """The image as float32 in [0, 1]."""
         return self.image.float() / 255.0 if self.image.dtype == torch.uint8 else self.image
+
+    def over(self, behind: torch.Tensor) -> torch.Tensor:
+        """The image over another background (3,), RGB in [0, 1]."""
+        if self.alpha is None:
+            return self.color
+        through = 1.0 - self.alpha.float()[..., None] / 255.0
+        return self.color + through * (behind - behind.new_tensor(BACKGROUND))
+
+    @property
+    def solid_weight(self) -> torch.Tensor | None:
+        """`weight` as far as the image is opaque, shape (H, W); None for 1 everywhere."""
+        if self.alpha is None:
+            return self.weight
+        opacity = self.alpha.float() / 255.0
+        return opacity if self.weight is None else self.weight * opacity
 
     def halved(self) -> Target:
         """The target at half the size; depth, which has no mean across an edge, and guide are dropped."""
@@ -103,6 +122,9 @@ class Target:
         if self.image.dtype == torch.uint8:
             color = (color * 255.0).round().to(torch.uint8)
         weight = None if self.weight is None else shrink(self.weight[None])[0]
+        alpha = self.alpha
+        if alpha is not None:
+            alpha = shrink(alpha.float()[None])[0].round().to(torch.uint8)
         return replace(
             self,
             camera=self.camera.resized(size[1], size[0]),
@@ -110,6 +132,7 @@ class Target:
             weight=weight,
             depth=None,
             guide=None,
+            alpha=alpha,
         )
 
 
@@ -157,7 +180,8 @@ def fit(
         extent: Unit of position rates, `Scene.extent` [scene units].
         settings: How long and towards what.
         effects: What is simulated. `sh_degree` bounds the harmonics; with `exposure` each target has its own
-            colour transform; `depth` is blended where the loss needs it, whatever stands here.
+            colour transform; with `background` a target that has alpha is compared over another random colour
+            at each step; `depth` is blended where the loss needs it, whatever stands here.
         seed: Of the order of images and of density control.
         held: Gaussians that keep their values, shape (N,), bool. Those added later are free.
         checkpoint: File to go on from if it exists, and to save to.
@@ -221,10 +245,14 @@ class _Fit:
         gaussians = self.optimiser.gaussians()
         with_depth = s.depth_weight > 0.0 and target.depth is not None
         effects = replace(self.effects, sh_degree=self._degree(done), depth=with_depth)
-        rendering = render(gaussians, target.camera, effects=effects, accuracy=s.accuracy)
-        wanted, color = target.color, rendering.color
-        if self.exposures:
-            color = exposed(color, self.exposures.transforms[index])
+        exposure = self.exposures.transforms[index] if self.exposures else None
+        behind = self._behind(target)
+        # Exposure is that of the object: the background is chosen so that it comes out of it as `behind`.
+        wall = behind if exposure is None or target.alpha is None else unexposed(behind, exposure)
+        rendering = render(gaussians, target.camera, effects=effects, accuracy=s.accuracy, background=wall)
+        wanted, color = target.over(behind), rendering.color
+        if exposure is not None:
+            color = exposed(color, exposure)
         loss = photometric_loss(color, wanted, target.weight, s.ssim_weight)
         if with_depth:
             assert target.depth is not None
@@ -241,11 +269,33 @@ class _Fit:
         shown = rendering.projection.extents[:, 0] > 0.0
         self.optimiser.step(done, self._held(len(gaussians)), shown)
         if self.exposures and done >= EXPOSING.begin:
-            self.exposures.update(index, rendering.color, wanted, target.weight)
+            self._update_exposure(index, target, rendering, wall)
         self._control_density(done)
         self._record(float(loss.detach()), color.detach(), wanted, target.weight)
         self.iteration += 1
         self.seconds += time.perf_counter() - start
+
+    def _update_exposure(self, index: int, target: Target, rendering: Rendering, wall: torch.Tensor) -> None:
+        """Find the exposure of an image anew, over black on both sides if the image has alpha."""
+        assert self.exposures is not None
+        color, alpha = rendering.color, None
+        if target.alpha is not None:
+            color, alpha = color - (1.0 - rendering.alpha)[..., None] * wall, rendering.alpha
+        self.exposures.update(index, color, target.over(torch.zeros(3)), target.solid_weight, alpha)
+
+    def _behind(self, target: Target) -> torch.Tensor:
+        """The colour behind image and rendering in this step, shape (3,).
+
+        Over one colour, gaussians of that colour would cost nothing where there is nothing; over random ones
+        all cost, and nothing fits best (instant-ngp; `--random_background` of 3DGS; splatfacto's default).
+        Each channel is black or white: over all colours between, grey gaussians would cost half as much. A
+        guide knows pictures over `BACKGROUND`.
+        """
+        if target.alpha is None:
+            return torch.zeros(3)
+        if target.guide is not None or not self.effects.background:
+            return torch.tensor(BACKGROUND)
+        return torch.randint(0, 2, (3,), generator=self.generator).float()
 
     def _degree(self, done: float) -> int:
         """Degree of the harmonics after a part of the iterations."""

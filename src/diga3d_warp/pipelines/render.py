@@ -19,6 +19,7 @@ from diga3d_warp.files import to_bytes, whole_file, write_image
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.cameras_file import load_cameras
+from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.splatting.render import render
 
 if TYPE_CHECKING:
@@ -116,7 +117,8 @@ def _render(ply: Path, cameras: list[Camera], effects: Effects, accuracy: Accura
     gaussians = Gaussians.load_ply(ply)
     for camera in tqdm(cameras, desc="render", unit="frame"):
         with torch.no_grad():
-            yield to_bytes(render(gaussians, camera, effects=effects, accuracy=accuracy).color)
+            seen = render(gaussians, camera, effects=effects, accuracy=accuracy, background=BACKGROUND)
+            yield to_bytes(seen.color)
 
 
 def _write_frames(out: Path, pictures: Iterable[np.ndarray]) -> None:

@@ -32,6 +32,7 @@ from diga3d_warp.propagation.references import References, check_reference_count
 from diga3d_warp.propagation.unseen import Background, observe_behind
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
+from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.splatting.render import render
 from diga3d_warp.splatting.shade import coefficient_count
@@ -124,7 +125,10 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
             content.gaussians.save_ply(folder / GAUSSIANS)
             write_json(folder / CURVE, {"curve": []})
             return
-        targets = [Target(view.camera, torch.from_numpy(view.pixels)) for view in scene.views]
+        targets = [
+            Target(view.camera, torch.from_numpy(view.pixels), alpha=alpha_of(view, run.effects))
+            for view in scene.views
+        ]
         coefficients = coefficient_count(run.effects.sh_degree)
         result = fit(
             initialise(scene.points, coefficients), targets, scene.extent, settings, effects=run.effects,
@@ -147,7 +151,7 @@ def even_exposure(run: Run, scene: Scene) -> Scene:
         return scene
     transforms = torch.from_numpy(np.load(file))
     views = [
-        replace(view, pixels=evened(view.pixels, transform))
+        replace(view, pixels=evened(view.pixels, transform, view.alpha))
         for view, transform in zip(scene.views, transforms, strict=True)
     ]
     return replace(scene, views=views)
@@ -323,9 +327,10 @@ def _publish_pictures(run: Run, source: Path, name: str) -> None:
 
 
 def picture(gaussians: Gaussians, camera: Camera, effects: Effects) -> np.ndarray:
-    """A rendering as an 8-bit image, shape (H, W, 3)."""
+    """A rendering as an 8-bit image, shape (H, W, 3), over `BACKGROUND` where that is seen."""
     with torch.no_grad():
-        return to_bytes(render(gaussians, camera, effects=replace(effects, depth=False)).color)
+        seen = render(gaussians, camera, effects=replace(effects, depth=False), background=BACKGROUND)
+    return to_bytes(seen.color)
 
 
 def widened(mask: np.ndarray, settings: MaskSettings) -> np.ndarray:
@@ -351,6 +356,11 @@ def keep_fit(folder: Path, result: FitResult) -> None:
     if result.exposures is not None:
         np.save(folder / EXPOSURES, result.exposures.numpy())
     (folder / "checkpoint.pt").unlink(missing_ok=True)
+
+
+def alpha_of(view: View, effects: Effects) -> torch.Tensor | None:
+    """What a target needs of a view's opacity, shape (H, W), uint8; None where no background is simulated."""
+    return torch.from_numpy(view.opacity) if effects.background else None
 
 
 def mask_of(view: View) -> np.ndarray:

@@ -1,4 +1,9 @@
-"""Photographs: which of several image folders to read, at which size, and whether a file is whole."""
+"""Photographs: which of several image folders to read, at which size, and whether a file is whole.
+
+A photograph with an alpha channel is kept over one colour, with its alpha beside it. Both are linear in
+colour times alpha: averaging them over areas brings in no fringe of what the file holds where nothing shows,
+and the photograph over any other colour follows from the two.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +11,33 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.files import to_bytes
 
 # A marker that ends the entropy-coded part of a JPEG: 0xff, not stuffed, no restart, no fill byte.
 _JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 _PNG_END = b"IEND\xaeB`\x82"
+_TIFF = (b"II*\0", b"MM\0*")
+
+BACKGROUND = (1.0, 1.0, 1.0)
+"""Colour behind photographs that have transparent pixels, and behind their renderings, RGB: white, as in the
+protocol of NeRF-synthetic."""
+
+
+class Photograph(NamedTuple):
+    """A photograph as views keep it.
+
+    Attributes:
+        pixels: RGB, over `BACKGROUND` where it is transparent, shape (H, W, 3), uint8.
+        alpha: Opacity, shape (H, W), uint8; None where it is opaque everywhere.
+    """
+
+    pixels: np.ndarray
+    alpha: np.ndarray | None = None
 
 
 def choose_folder(folders: Mapping[int, Path], scale: float) -> tuple[Path, float]:
@@ -49,7 +73,7 @@ def _jpeg_is_whole(data: bytes) -> bool:
 
 
 def read_image(path: Path, *, upright: bool = False) -> np.ndarray:
-    """An image as uint8 RGB, shape (H, W, 3).
+    """An image as uint8 RGB, shape (H, W, 3); an alpha channel is not read.
 
     Args:
         path: The file.
@@ -61,6 +85,36 @@ def read_image(path: Path, *, upright: bool = False) -> np.ndarray:
     """
     import cv2
 
+    flags = cv2.IMREAD_COLOR_RGB | (0 if upright else cv2.IMREAD_IGNORE_ORIENTATION)
+    return _decoded(path, _whole(path), flags)
+
+
+def read_photograph(path: Path, scale: float = 1.0) -> Photograph:
+    """An image with its alpha, if it has one, resized.
+
+    Args:
+        path: The file, of 8 or 16 bits. Alpha is straight, as PNG and WebP define it.
+        scale: In (0, 1].
+
+    Raises:
+        InputError: the file is no image that OpenCV reads, it is cut short, or alpha is 0 everywhere.
+    """
+    import cv2
+
+    data = _whole(path)
+    stored = _decoded(path, data, cv2.IMREAD_UNCHANGED)
+    if stored.ndim == 3 and stored.shape[2] == 4 and stored[..., 3].min() < _white(stored):
+        if not stored[..., 3].any():
+            raise InputError(f"{path}: alpha is 0 everywhere; export it with the object opaque")
+        return _composed(stored, scale, premultiplied=data[:4] in _TIFF and stored.dtype == np.uint8)
+    if stored.ndim == 3 and stored.shape[2] == 3 and stored.dtype == np.uint8:
+        pixels = np.ascontiguousarray(stored[..., ::-1])
+    else:
+        pixels = _decoded(path, data, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
+    return Photograph(resize_image(pixels, scale))
+
+
+def _whole(path: Path) -> bytes:
     data = path.read_bytes()
     # OpenCV fills the missing part of a truncated file with grey and reports success.
     truncated = (data[:2] == b"\xff\xd8" and not _jpeg_is_whole(data)) or (
@@ -68,15 +122,35 @@ def read_image(path: Path, *, upright: bool = False) -> np.ndarray:
     )
     if truncated:
         raise InputError(f"{path}: the image is cut short; copy it again")
-    flags = cv2.IMREAD_COLOR_RGB | (0 if upright else cv2.IMREAD_IGNORE_ORIENTATION)
+    return data
+
+
+def _decoded(path: Path, data: bytes, flags: int) -> np.ndarray:
+    import cv2
+
     pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
     if pixels is None:
         raise InputError(f"{path}: not readable as an image; copy it again")
     return pixels
 
 
+def _white(stored: np.ndarray) -> float:
+    """The value of white, and of full opacity."""
+    return float(np.iinfo(stored.dtype).max) if np.issubdtype(stored.dtype, np.integer) else 1.0
+
+
+def _composed(stored: np.ndarray, scale: float, premultiplied: bool) -> Photograph:
+    """A decoded image, BGR and alpha, over `BACKGROUND`. OpenCV multiplies the colours of an 8-bit TIFF."""
+    values = stored.astype(np.float32) / _white(stored)
+    color, alpha = values[..., 2::-1], values[..., 3]
+    if not premultiplied:
+        color = color * alpha[..., None]
+    composed = color + (1.0 - alpha)[..., None] * np.array(BACKGROUND, np.float32)
+    return Photograph(to_bytes(resize_image(composed, scale)), to_bytes(resize_image(alpha, scale)))
+
+
 def resize_image(pixels: np.ndarray, scale: float) -> np.ndarray:
-    """A smaller copy of uint8 RGB pixels, averaged over areas; sizes are rounded, at least one pixel."""
+    """A smaller copy of an image, averaged over areas; sizes are rounded, at least one pixel."""
     import cv2
 
     height, width = pixels.shape[:2]
@@ -84,13 +158,15 @@ def resize_image(pixels: np.ndarray, scale: float) -> np.ndarray:
     return pixels if size == (width, height) else cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
 
 
-def read_images(files: Sequence[Path], scale: float, progress: bool) -> Iterator[np.ndarray | InputError]:
+def read_photographs(
+    files: Sequence[Path], scale: float, progress: bool
+) -> Iterator[Photograph | InputError]:
     """Read and resize images on all cores, in order; what could not be read is yielded as its error."""
     from tqdm import tqdm
 
-    def read(path: Path) -> np.ndarray | InputError:
+    def read(path: Path) -> Photograph | InputError:
         try:
-            return resize_image(read_image(path), scale)
+            return read_photograph(path, scale)
         except InputError as error:
             return error
 

@@ -8,13 +8,11 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
-
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene import ply
 from diga3d_warp.scene.capture import Capture, Shot, image_files, image_folders
 from diga3d_warp.scene.colmap import find_reconstruction, read_colmap
-from diga3d_warp.scene.images import choose_folder, read_image, read_images
+from diga3d_warp.scene.images import Photograph, choose_folder, read_photograph, read_photographs
 from diga3d_warp.scene.llff import read_llff
 from diga3d_warp.scene.masks import MaskFiles, find_masks, mask_notes, read_mask, without_covering
 from diga3d_warp.scene.nerfstudio import read_nerfstudio
@@ -65,23 +63,24 @@ def load_scene(
         raise InputError(f"{root}: no photographs found; put them into {root / 'images'}")
     shots = _sorted_shots(capture, root)
     folder, scale = choose_folder(capture.image_folders, image_scale)
-    pixels, missing = _read_photographs(folder, shots, scale, progress)
-    if len(pixels) < 2:
+    photographs, missing = _read_photographs(folder, shots, scale, progress)
+    if len(photographs) < 2:
         raise InputError(
-            f"{folder}: a scene needs at least two photographs with poses, not {len(pixels)}; "
+            f"{folder}: a scene needs at least two photographs with poses, not {len(photographs)}; "
             f"{'; '.join(missing) or 'take or register more'}"
         )
-    views = {shot.key: _view(shot, pixels[shot.key]) for shot in shots if shot.key in pixels}
+    views = {shot.key: _view(shot, photographs[shot.key]) for shot in shots if shot.key in photographs}
     notes = [*capture.notes, *missing, *_unposed(folder, shots)]
 
     mask_folder = Path(masks) if masks is not None else None
     mask_files = find_masks(root, capture.image_folders, mask_folder, list(views))
     for key, file in mask_files.files.items():
-        height, width = pixels[key].shape[:2]
+        height, width = views[key].pixels.shape[:2]
         views[key] = views[key].with_mask(read_mask(file, width, height))
 
     points = capture.points
     if points is None or not len(points):
+        pixels = {key: view.pixels for key, view in views.items()}
         points = triangulate(pixels, {key: view.camera for key, view in views.items()}, progress)
         notes.append(f"the capture has no sparse points: triangulated {len(points)}")
     if not len(points):
@@ -135,7 +134,7 @@ def _map_folder(root: Path, progress: bool) -> Capture:
     images, notes = {}, []
     for key, file in image_files(folders[min(folders)]).items():
         try:
-            images[key] = shrink(read_image(file))
+            images[key] = shrink(read_photograph(file).pixels)
         except InputError as error:
             notes.append(str(error))
     cameras, points = map_images(images, progress)
@@ -155,19 +154,20 @@ def _sorted_shots(capture: Capture, root: Path) -> list[Shot]:
 
 def _read_photographs(
     folder: Path, shots: Sequence[Shot], scale: float, progress: bool
-) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Pixels by key, and a note on the images that are missing and one on each that is damaged."""
+) -> tuple[dict[str, Photograph], list[str]]:
+    """Photographs by key, and a note on the images that are missing and one on each that is damaged."""
     files = image_files(folder)
     missing = [shot.key for shot in shots if shot.key not in files]
     notes = [f"{folder}: {len(missing)} images are missing: {', '.join(missing)}"] if missing else []
     present = [shot.key for shot in shots if shot.key in files]
-    pixels = {}
-    for key, image in zip(present, read_images([files[k] for k in present], scale, progress), strict=True):
-        if isinstance(image, InputError):
-            notes.append(f"left out: {image}")
+    photographs = {}
+    found = read_photographs([files[k] for k in present], scale, progress)
+    for key, photograph in zip(present, found, strict=True):
+        if isinstance(photograph, InputError):
+            notes.append(f"left out: {photograph}")
         else:
-            pixels[key] = image
-    return pixels, notes
+            photographs[key] = photograph
+    return photographs, notes
 
 
 def _unposed(folder: Path, shots: Sequence[Shot]) -> list[str]:
@@ -180,15 +180,15 @@ def _unposed(folder: Path, shots: Sequence[Shot]) -> list[str]:
     )
 
 
-def _view(shot: Shot, pixels: np.ndarray) -> View:
-    height, width = pixels.shape[:2]
+def _view(shot: Shot, photograph: Photograph) -> View:
+    height, width = photograph.pixels.shape[:2]
     camera = shot.camera
     if abs(width * camera.height / (height * camera.width) - 1) > _ASPECT_TOLERANCE:
         raise InputError(
             f"image {shot.key}: {width} x {height} px as read, but calibrated at {camera.width} x "
             f"{camera.height} px; use the photographs of the calibration"
         )
-    return View(shot.key, camera.resized(width, height), pixels)
+    return View(shot.key, camera.resized(width, height), photograph.pixels, alpha=photograph.alpha)
 
 
 def _split(views: Mapping[str, View], masks: MaskFiles, hold_out: int) -> tuple[list[View], list[View]]:

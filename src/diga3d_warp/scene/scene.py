@@ -19,20 +19,27 @@ class View:
     Attributes:
         name: File name of the image without folder and ending; unique within a scene.
         camera: Camera at the size of the image.
-        pixels: The photograph, shape (H, W, 3), uint8 RGB. Kept in 8 bits: 71 views of 720 x 1280 take
-            0.2 GB so, and 0.8 GB as floats.
+        pixels: The photograph, over `images.BACKGROUND` where it is transparent, shape (H, W, 3), uint8 RGB.
+            Kept in 8 bits: 71 views of 720 x 1280 take 0.2 GB so, and 0.8 GB as floats.
         mask: True where the object is that the user wants edited, shape (H, W), bool; None if unknown.
+        alpha: Opacity of the photograph, shape (H, W), uint8; None where it is opaque everywhere.
     """
 
     name: str
     camera: Camera
     pixels: np.ndarray
     mask: np.ndarray | None = None
+    alpha: np.ndarray | None = None
 
     @property
     def image(self) -> torch.Tensor:
         """The photograph as float32 RGB in [0, 1], shape (H, W, 3), made anew at each call."""
         return torch.from_numpy(self.pixels).to(torch.float32) / 255.0
+
+    @property
+    def opacity(self) -> np.ndarray:
+        """`alpha`, or 255 everywhere, shape (H, W), uint8."""
+        return np.full(self.pixels.shape[:2], 255, np.uint8) if self.alpha is None else self.alpha
 
     def with_mask(self, mask: np.ndarray | None) -> View:
         """The same view with another mask, shape (H, W), bool."""
