@@ -139,9 +139,9 @@ C++. "same" is the very kernel, by its hash, that runs with every effect off; wh
 effect is in that kernel. Pixel order has a blending of its own. {" and ".join(OUTSIDE).capitalize()} are
 added to the finished image, and in no kernel at all. The pictures show each effect off, above, and on, below.
 
-A background lies behind cut-out things, where photographs have an alpha channel. Each step of a fit puts another
-colour behind photograph and rendering, black or white in each channel: over one colour, gaussians of that colour
-would cost nothing where there is nothing. Whatever is shown or measured is over white.
+A background lies behind cut-out things, where photographs have an alpha channel. Each step of a fit puts
+another colour behind photograph and rendering, black or white in each channel: over one colour, gaussians of
+that colour would cost nothing where there is nothing. Whatever is shown or measured is over white.
 
 Times are of the processor, all cores together, and the least of several: others may share the machine. Pixel
 order would not fit into the first plot.
