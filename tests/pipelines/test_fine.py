@@ -18,6 +18,7 @@ from diga3d_warp.pipelines.stages import read_mask
 from diga3d_warp.priors.distillation import DistillationSettings
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.propagation.references import References
+from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.splatting.render import render
 from scenes import camera_at, random_gaussians
 
@@ -34,7 +35,8 @@ def distilled(removed, tmp_path, weight):
     unseen = [read_mask(stages / "look-behind" / f"{view.name}.unseen.png") for view in views]
     cluster = np.arange(len(views)) % 2
     prior = ExemplarPrior()
-    targets = coarse.targets_of(views, fills)
+    backgrounds = [Background(seen, fill.image, ~seen) for seen, fill in zip(unseen, fills, strict=True)]
+    targets = coarse.targets_of(views, backgrounds, fills)
     found = fine.distil(
         run, source, held, targets, unseen, References([0, 1], cluster), prior, prior.guidance,
         DistillationSettings(weight=weight), 1.0, replace(SETTINGS.distil, iterations=14), 0,

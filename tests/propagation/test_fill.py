@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from diga3d_warp.propagation.fill import Fill, carry, fill_references
+from diga3d_warp.propagation.fill import Fill, carry, fill_references, invent
 from diga3d_warp.propagation.references import References
 from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.scene.camera import Camera, look_at
@@ -209,3 +209,22 @@ def test_a_carried_fill_takes_on_the_light_of_its_view():
         untoned = np.abs(truth - truth * gains[index])[inside].mean()
         assert inside.sum() > 150
         assert error < 0.25 * untoned
+
+
+def test_what_is_nowhere_is_no_source_of_a_fill():
+    """A prior is not told the white of transparent pixels, and only the hole takes what it paints there."""
+    hole, alpha = np.zeros((40, 50), bool), np.zeros((40, 50), np.uint8)
+    hole[15:25, 20:30] = True
+    alpha[12:32, 18:38] = 255
+    image = np.where(alpha[..., None] > 0, np.float32([0.2, 0.4, 0.3]), np.float32(1.0))
+    image[hole] = [1.0, 0.0, 0.0]
+    depth = np.where((alpha > 0) & ~hole, 2.0, 0.0).astype(np.float32)
+
+    class Told(Story):
+        def fill(self, image, mask, *, seed=0, depth=None):
+            assert mask.any() and not (image[~mask] == 1.0).all(-1).any()
+            return super().fill(image, mask, seed=seed, depth=depth)
+
+    filled, completed = invent(image, depth, hole, Told(), 0, alpha)
+    np.testing.assert_array_equal(filled[~hole], image[~hole])
+    assert (filled[hole] == np.float32([0.3, 0.3, 1.0])).all() and (completed[hole] > 0).all()

@@ -1,5 +1,7 @@
 """What nobody saw behind a board that stands before a textured wall, against geometry worked out by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -119,3 +121,51 @@ def test_a_view_without_a_mask_is_refused():
         observe_behind([views[0], views[1].with_mask(None)], depths, alphas)
     with pytest.raises(InputError, match="one size"):
         observe_behind(views, [depths[0][:-1], depths[1]], alphas)
+
+
+def cut_scene(plinth: float):
+    """The board scene with nothing but a plinth behind the board: the wall from y = `plinth` downwards."""
+    views, depths, _ = board_scene(EYES)
+    cut, left = [], []
+    for eye, view in zip(EYES, views, strict=True):
+        rx, ry = rays()
+        wall = WALL * ry > plinth
+        own = np.where(view.mask | wall, 255, 0).astype(np.uint8)
+        pixels = np.where(own[..., None] > 0, view.pixels, 255).astype(np.uint8)
+        cut.append(replace(view, pixels=pixels, alpha=own))
+        x = eye + WALL * rx
+        # The hole that the board left in the splat: a part of the plinth that touched it.
+        hole = (np.abs(x) < 0.1) & (np.abs(WALL * ry - plinth - 0.25) < 0.1)
+        left.append((wall & ~hole).astype(np.float32))
+    return cut, depths, left
+
+
+def test_where_nothing_is_behind_nothing_is_missing():
+    """Above the plinth nothing is to be filled; a hole in the plinth is, wherever the plinth encloses it."""
+    views, depths, alphas = cut_scene(plinth=0.0)
+    _, ry = rays()
+    above = np.broadcast_to(WALL * ry < 0.0, views[0].mask.shape)
+    for eye, view, alpha, background in zip(
+        EYES, views, alphas, observe_behind(views, depths, alphas), strict=True
+    ):
+        nothing = view.mask & above
+        hole = view.mask & ~above & (alpha == 0.0)
+        assert nothing.sum() > 300 and hole.sum() > 10, eye
+        assert not background.unseen[nothing].any() and background.unseen[hole].all()
+        assert (background.image[nothing] == 1.0).all()
+        np.testing.assert_array_equal(background.alpha, np.where(nothing, 0, view.alpha))
+
+
+def test_a_rim_of_a_photograph_is_nobodys_witness():
+    """Pixels that let half of the background through would be carried into others' views."""
+    views, depths, alphas = board_scene(EYES)
+    rimmed = []
+    for view in views:
+        own = np.full(view.mask.shape, 255, np.uint8)
+        own[:, ::8] = 128
+        pixels = np.where(own[..., None] < 255, (view.pixels // 2 + 128).astype(np.uint8), view.pixels)
+        rimmed.append(replace(view, pixels=pixels, alpha=own))
+    for i, background in enumerate(observe_behind(rimmed, depths, alphas)):
+        x, y, _ = seen_by_two(EYES, i)
+        error = np.abs(background.image - wall_color(x, y))[background.observed]
+        assert background.observed.sum() > 100 and np.median(error) < 0.005 and (error < 0.03).all()

@@ -38,8 +38,8 @@ class Thresholds:
         blur: Standard deviation of the blur before reading [px]; for the same reason.
         views_most: Views that are read, spread evenly. Bounds the time.
         points_most: Points that are projected, spread evenly; they also hide each other.
-        opaque: Least opacity of a photograph, after the blur, where a point's colour is read. Elsewhere the
-            background shines through by more than two levels.
+        opaque: Least opacity of a photograph, after the blur, where a point's colour is read. Mattes of
+            cut-out things waver by some levels; a rim lets half of the background through.
         points_read: Points whose colours are compared. The drift of a view is then known to 0.1 level.
         views_least: Views that must see a point. Fewer cannot tell a degree of 2 from chance.
         points_least: Points that are needed to say anything, in all and in a view.
@@ -65,7 +65,7 @@ class Thresholds:
     blur: float = 1.0
     views_most: int = 48
     points_most: int = 60_000
-    opaque: float = 0.99
+    opaque: float = 0.95
     points_read: int = 1500
     views_least: int = 8
     points_least: int = 50

@@ -104,7 +104,7 @@ def evaluate(
             f"{scene.path} has no ground-truth views without the object, which spin-nerf compares with: "
             "use --protocol held-out"
         )
-    views = _test_views(folder, scene)
+    views = _test_views(folder, scene.with_alpha(effects.background))
     if protocol == "spin-nerf":
         comparisons = [_against_truth(folder, views, effects)]
     elif (folder / SOURCE).is_file():
@@ -150,7 +150,10 @@ def _fitted(folder: Path, views: list[View], effects: Effects) -> list[Compariso
     comparisons = [Comparison("fit against photographs", plain)]
     if effects.exposure:
         even = {
-            view.name: compare(matched(pictures[view.name], view.image, view.alpha), view.image)
+            view.name: compare(
+                matched(pictures[view.name], view.image, view.alpha if effects.background else None),
+                view.image,
+            )
             for view in views
         }
         comparisons.append(Comparison("fit, colours matched to each photograph", even))

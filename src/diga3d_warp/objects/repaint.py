@@ -60,7 +60,7 @@ class MaterialRepainter:
         center = surface.points.mean(axis=0)
         facing = np.mean([camera.center for camera in cameras], axis=0) - center
         frame = frame_of(surface.points, upward(cameras), facing)
-        around = np.concatenate([sight.image.reshape(-1, 3)[::7] for sight in sights])
+        around = np.concatenate([sight.shown[::7] for sight in sights])
         light = estimate_light(surface.normals, surface.colors, around)
         beyond = shade_beyond(light, surface)
         texture = self._texture(sights, frame.extent[2], seed)

@@ -65,6 +65,7 @@ class Sight:
             something stands in front.
         depth: z of the object alone [scene units], shape (H, W), float32; 0 where it is not.
         scene_depth: z of all that the view shows [scene units], shape (H, W), float32; 0 where nothing is.
+        alpha: Opacity of all that the view shows, shape (H, W), uint8; None where no background is simulated.
     """
 
     camera: Camera
@@ -73,6 +74,7 @@ class Sight:
     share: np.ndarray
     depth: np.ndarray
     scene_depth: np.ndarray
+    alpha: np.ndarray | None = None
 
     @property
     def mask(self) -> np.ndarray:
@@ -93,6 +95,11 @@ class Sight:
         share = np.where(self.touched, self.share, 0.0)[..., None]
         rest = self.image - np.where(share > 0, self.own, 0.0)
         return np.clip(rest + share * colors, 0.0, 1.0).astype(np.float32)
+
+    @property
+    def shown(self) -> np.ndarray:
+        """Colours of the image's pixels, those that show more background left out, shape (P, 3)."""
+        return (self.image if self.alpha is None else self.image[self.alpha > 127]).reshape(-1, 3)
 
     @property
     def points(self) -> np.ndarray:

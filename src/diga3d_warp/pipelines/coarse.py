@@ -79,7 +79,9 @@ def propagate(
     return read_fills(run.stage("propagate", compute), views)
 
 
-def targets_of(views: Sequence[View], fills: Sequence[Fill]) -> list[Target]:
+def targets_of(
+    views: Sequence[View], backgrounds: Sequence[Background], fills: Sequence[Fill]
+) -> list[Target]:
     """What the gaussians are fitted to: the filled views, with the depth of the fill."""
     return [
         Target(
@@ -87,8 +89,9 @@ def targets_of(views: Sequence[View], fills: Sequence[Fill]) -> list[Target]:
             torch.from_numpy(to_bytes(fill.image)),
             weight=torch.from_numpy((~fill.missing).astype(np.float32)),
             depth=torch.from_numpy(fill.depth),
+            alpha=stages.tensor_of(background.alpha),
         )
-        for view, fill in zip(views, fills, strict=True)
+        for view, background, fill in zip(views, backgrounds, fills, strict=True)
     ]
 
 
@@ -115,6 +118,7 @@ def seeds_of(
 def refit(
     run: Run,
     cleared: stages.Cleared,
+    backgrounds: Sequence[Background],
     fills: Sequence[Fill],
     references: References,
     extent: float,
@@ -128,8 +132,9 @@ def refit(
         for added in seeds_of(cleared.views, fills, references, start.sh.shape[1]):
             start = start.joined(added)
         result = fit(
-            start, targets_of(cleared.views, fills), extent, settings, effects=run.effects, seed=seed,
-            held=cleared.held(len(start)), checkpoint=folder / "checkpoint.pt", progress=True, label="refit",
+            start, targets_of(cleared.views, backgrounds, fills), extent, settings, effects=run.effects,
+            seed=seed, held=cleared.held(len(start)), checkpoint=folder / "checkpoint.pt", progress=True,
+            label="refit",
         )  # fmt: skip
         stages.keep_fit(folder, result)
 

@@ -19,6 +19,7 @@ from diga3d_warp.priors.guidance import Guidance
 from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.propagation.conditions import texture_geometry
 from diga3d_warp.propagation.references import References
+from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.splatting.render import render
 
 
@@ -97,7 +98,7 @@ def guided_targets(
 @torch.no_grad()
 def _shown(source: Gaussians, target: Target, effects: Effects) -> tuple[torch.Tensor, torch.Tensor]:
     """Colour (H, W, 3) and z (H, W) of the edited scene in a view."""
-    rendering = render(source, target.camera, effects=replace(effects, depth=True))
+    rendering = render(source, target.camera, effects=replace(effects, depth=True), background=BACKGROUND)
     return rendering.color, rendering.depth
 
 

@@ -22,6 +22,7 @@ from diga3d_warp.pipelines.free_text import FreeText
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
 from diga3d_warp.priors.editing import edit_views, edited_first
 from diga3d_warp.propagation.references import References
+from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.render import render
 
@@ -46,10 +47,18 @@ class Imagined:
 
     @property
     def target(self) -> Target:
-        """What the gaussians should look like. Only measured depth says anything of the new object."""
+        """What the gaussians should look like. Only measured depth says anything of the new object.
+
+        A prior knows no transparency: what it imagined is opaque.
+        """
         depth = torch.from_numpy(self.depth) if self.measured else None
         image = torch.from_numpy(to_bytes(self.image))
-        return Target(self.view.camera, image, depth=depth, relative_depth=self.measured)
+        alpha = self.view.alpha
+        if alpha is not None:
+            alpha = np.where(stages.mask_of(self.view), np.uint8(255), alpha)
+        return Target(
+            self.view.camera, image, depth=depth, relative_depth=self.measured, alpha=stages.tensor_of(alpha)
+        )
 
 
 def imagine(
@@ -156,7 +165,8 @@ def grow(
 @torch.no_grad()
 def _seen(run: Run, cleared: Gaussians, view: View) -> tuple[torch.Tensor, torch.Tensor]:
     """Colour (H, W, 3) and z (H, W) of the cleared scene in a view."""
-    rendering = render(cleared, view.camera, effects=replace(run.effects, depth=True))
+    effects = replace(run.effects, depth=True)
+    rendering = render(cleared, view.camera, effects=effects, background=BACKGROUND)
     return rendering.color.clamp(0.0, 1.0), rendering.depth
 
 

@@ -24,6 +24,7 @@ from diga3d_warp.objects.support import find_place
 from diga3d_warp.objects.surface import Sight, fuse, pixel_width, unprojected
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.run import Run
+from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.render import render
 
@@ -117,7 +118,7 @@ def place_object(
 
     def compute(folder: Path) -> None:
         surface = fuse(sights)
-        around = np.concatenate([sight.image.reshape(-1, 3)[::7] for sight in sights])
+        around = np.concatenate([sight.shown[::7] for sight in sights])
         light = estimate_light(surface.normals, surface.colors, around)
         place = find_place(surface, [view.camera for view in views], cleared)
         if not place.supported:
@@ -130,10 +131,12 @@ def place_object(
         blocking = _blocking(cleared, views, looks, stand)
         scene = cleared.select(~blocking)
         for view in [*views, *others]:
-            image, depth, edited = _composed(scene, placed, shadow, view, stand, effects)
+            image, depth, edited, alpha = _composed(scene, placed, shadow, view, stand, effects)
             write_image(folder / "masks" / f"{view.name}.png", stages.mask_of(view) | edited)
             write_image(folder / f"{view.name}.png", image)
             np.save(folder / f"{view.name}.npy", depth)
+            if effects.background:
+                write_image(folder / f"{view.name}.alpha.png", alpha)
         dark, shaded = _darkened(scene, shadow, settings)
         added = placed.gaussians(pixel_width(sights), dark.sh.shape[1])
         dark.joined(added).save_ply(folder / stages.GAUSSIANS)
@@ -146,7 +149,9 @@ def place_object(
     for view in views:
         pixels = to_bytes(stages.read_picture(folder / f"{view.name}.png"))
         depth = torch.from_numpy(np.load(folder / f"{view.name}.npy"))
-        targets.append(Target(view.camera, torch.from_numpy(pixels), depth=depth))
+        alpha = stages.read_plane(folder / f"{view.name}.alpha.png") if run.effects.background else None
+        target = Target(view.camera, torch.from_numpy(pixels), depth=depth, alpha=stages.tensor_of(alpha))
+        targets.append(target)
     held = torch.from_numpy(np.load(folder / "held.npy"))
     return Staged(Gaussians.load_ply(folder / stages.GAUSSIANS), held, targets)
 
@@ -200,12 +205,12 @@ def _blocking(
 
 def _composed(
     cleared: Gaussians, placed: Placed, shadow: Shadow, view: View, stand: _Stand, effects: Effects
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """A view with the new object: its image, its depth, and where it differs from the cleared one."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """A view with the new object: its image, depth, where it differs from the cleared one, and opacity."""
     camera = view.camera
     with torch.no_grad():
         seen = render(cleared, camera, effects=effects)
-    base, behind = seen.color.clamp(0.0, 1.0).numpy(), seen.depth.numpy()
+    base, behind, alpha = seen.color.clamp(0.0, 1.0).numpy(), seen.depth.numpy(), seen.alpha.numpy()
     color, coverage, depth = placed.look(camera)
     surface = unprojected(behind, camera).reshape(-1, 3)
     real = ~stages.mask_of(view) & ~stand.emptied(surface, base=-np.inf).reshape(behind.shape)
@@ -213,11 +218,14 @@ def _composed(
     coverage = np.where(hidden, 0.0, coverage)[..., None]
     color = np.where(hidden[..., None], 0.0, color)
     light = shadow.at(surface).reshape(behind.shape)
-    light = np.where(behind > 0, light, 1.0)
+    light = np.where(alpha > 0.5 if effects.background else behind > 0, light, 1.0)
     image = base * (light ** (1.0 / GAMMA))[..., None] * (1.0 - coverage) + color
+    alpha = alpha + (1.0 - alpha) * coverage[..., 0]
+    if effects.background:
+        image = image + (1.0 - alpha)[..., None] * np.array(BACKGROUND, np.float32)
     covered = coverage[..., 0] > 0.5
     edited = (coverage[..., 0] > 0.02) | (light < stand.settings.changed)
-    return image.clip(0, 1), np.where(covered, depth, behind).astype(np.float32), edited
+    return image.clip(0, 1), np.where(covered, depth, behind).astype(np.float32), edited, alpha
 
 
 def _darkened(cleared: Gaussians, shadow: Shadow, settings: PlacingSettings) -> tuple[Gaussians, np.ndarray]:

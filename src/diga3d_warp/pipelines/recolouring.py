@@ -21,6 +21,7 @@ from diga3d_warp.objects.surface import Sight, pixel_width, without_floaters
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.propagation.references import References
+from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.render import render
 
@@ -48,6 +49,8 @@ def look_at_object(run: Run, views: Sequence[View], source: Gaussians, rows: tor
         for view in views:
             sight = _sight(source, rows, view, run.effects)
             write_image(folder / f"{view.name}.png", sight.image)
+            if sight.alpha is not None:
+                write_image(folder / f"{view.name}.alpha.png", sight.alpha)
             np.savez_compressed(
                 folder / f"{view.name}.npz",
                 own=sight.own, share=sight.share, depth=sight.depth, scene_depth=sight.scene_depth,
@@ -56,9 +59,10 @@ def look_at_object(run: Run, views: Sequence[View], source: Gaussians, rows: tor
     folder = run.stage("look", compute)
     sights = []
     for view in views:
+        alpha = stages.read_plane(folder / f"{view.name}.alpha.png") if run.effects.background else None
         with np.load(folder / f"{view.name}.npz") as planes:
             image = stages.read_picture(folder / f"{view.name}.png")
-            sights.append(Sight(camera=view.camera, image=image, **planes))
+            sights.append(Sight(camera=view.camera, image=image, alpha=alpha, **planes))
     return sights
 
 
@@ -70,7 +74,7 @@ def _sight(source: Gaussians, rows: torch.Tensor, view: View, effects: Effects) 
     without.sh[~rows, 0] = -0.5 / C0  # black: what is left is the object's part
     colors_only, with_depth = replace(effects, depth=False), replace(effects, depth=True)
     share = without_floaters(object_share(source, camera, rows, effects).numpy())
-    whole = render(source, camera, effects=with_depth)
+    whole = render(source, camera, effects=with_depth, background=BACKGROUND)
     depth = render(source.select(rows), camera, effects=with_depth).depth.numpy()
     return Sight(
         camera,
@@ -79,6 +83,7 @@ def _sight(source: Gaussians, rows: torch.Tensor, view: View, effects: Effects) 
         share,
         np.where(share > 0, depth, 0.0).astype(np.float32),
         whole.depth.numpy(),
+        to_bytes(whole.alpha) if effects.background else None,
     )
 
 
@@ -120,7 +125,12 @@ def recolour(
 def targets_of(sights: Sequence[Sight], images: Sequence[np.ndarray]) -> list[Target]:
     """What the gaussians are fitted to: the repainted views, with the depth of the object."""
     return [
-        Target(sight.camera, torch.from_numpy(to_bytes(image)), depth=torch.from_numpy(sight.depth))
+        Target(
+            sight.camera,
+            torch.from_numpy(to_bytes(image)),
+            depth=torch.from_numpy(sight.depth),
+            alpha=stages.tensor_of(sight.alpha),
+        )
         for sight, image in zip(sights, images, strict=True)
     ]
 

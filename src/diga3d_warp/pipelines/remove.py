@@ -180,12 +180,12 @@ def take_out(
     references = stages.choose_references(run, cleared.views, method, seed)
     fills = coarse.fill_views(run, cleared.views, backgrounds, depths, references, prior, method, seed)
     fills = coarse.propagate(run, cleared.views, backgrounds, depths, fills, references, prior, method, seed)
-    edited = coarse.refit(run, cleared, fills, references, scene.extent, settings.refit, seed)
+    edited = coarse.refit(run, cleared, backgrounds, fills, references, scene.extent, settings.refit, seed)
     if method.distillation is None:
         return TakenOut(edited, source, rows, scene, views, references, "refit")
     assert isinstance(prior, DiffusionPrior), "check_method refuses others"
     refined = fine.distil(
-        run, edited, cleared.held(len(edited)), coarse.targets_of(views, fills),
+        run, edited, cleared.held(len(edited)), coarse.targets_of(views, backgrounds, fills),
         [at.unseen for at in backgrounds], references, prior, prior.guidance, method.distillation,
         scene.extent, settings.distil, seed, known=[at.image for at in backgrounds],
     )  # fmt: skip

@@ -92,7 +92,8 @@ def begin(run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = N
         overrides: Effects on which the user insists, by name.
 
     Returns:
-        The scene with the cameras to use: where the lens is not followed, they have none in any stage.
+        The scene with the cameras to use: where the lens is not followed, they have none in any stage. Its
+        views have an alpha exactly if a background is simulated.
     """
     for note in scene.notes:
         run.note(note)
@@ -110,6 +111,7 @@ def begin(run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = N
     print(plan.table().text(), file=sys.stderr)
     if not plan.effects.lens:
         scene = scene.without_lens()
+    scene = scene.with_alpha(plan.effects.background)
     save_cameras(run.folder / CAMERAS, CameraSet.of(scene))
     return scene
 
@@ -126,7 +128,7 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
             write_json(folder / CURVE, {"curve": []})
             return
         targets = [
-            Target(view.camera, torch.from_numpy(view.pixels), alpha=alpha_of(view, run.effects))
+            Target(view.camera, torch.from_numpy(view.pixels), alpha=tensor_of(view.alpha))
             for view in scene.views
         ]
         coefficients = coefficient_count(run.effects.sh_degree)
@@ -268,6 +270,8 @@ def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.n
         for view, background, depth, alpha in zip(cleared.views, backgrounds, depths, alphas, strict=True):
             write_image(folder / f"{view.name}.png", background.image)
             write_image(folder / f"{view.name}.unseen.png", background.unseen)
+            if background.alpha is not None:
+                write_image(folder / f"{view.name}.alpha.png", background.alpha)
             np.save(folder / f"{view.name}.depth.npy", np.where(alpha > 0.5, depth, 0.0).astype(np.float32))
 
     folder = run.stage("look-behind", compute)
@@ -275,7 +279,8 @@ def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.n
     for view in cleared.views:
         unseen = read_mask(folder / f"{view.name}.unseen.png")
         image = read_picture(folder / f"{view.name}.png")
-        backgrounds.append(Background(unseen, image, mask_of(view) & ~unseen))
+        alpha = None if view.alpha is None else read_plane(folder / f"{view.name}.alpha.png")
+        backgrounds.append(Background(unseen, image, mask_of(view) & ~unseen, alpha))
         depths.append(np.load(folder / f"{view.name}.depth.npy"))
     return backgrounds, depths
 
@@ -358,9 +363,9 @@ def keep_fit(folder: Path, result: FitResult) -> None:
     (folder / "checkpoint.pt").unlink(missing_ok=True)
 
 
-def alpha_of(view: View, effects: Effects) -> torch.Tensor | None:
-    """What a target needs of a view's opacity, shape (H, W), uint8; None where no background is simulated."""
-    return torch.from_numpy(view.opacity) if effects.background else None
+def tensor_of(alpha: np.ndarray | None) -> torch.Tensor | None:
+    """Opacity as a target takes it, shape (H, W), uint8; None where no background is simulated."""
+    return None if alpha is None else torch.from_numpy(alpha)
 
 
 def mask_of(view: View) -> np.ndarray:
@@ -376,11 +381,16 @@ def read_picture(path: Path) -> np.ndarray:
     return _decoded(path, cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)).astype(np.float32) / 255.0
 
 
-def read_mask(path: Path) -> np.ndarray:
-    """A stage's mask, shape (H, W), bool."""
+def read_plane(path: Path) -> np.ndarray:
+    """A stage's picture of one channel, shape (H, W), uint8."""
     import cv2
 
-    return _decoded(path, cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)) > 127
+    return _decoded(path, cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+
+
+def read_mask(path: Path) -> np.ndarray:
+    """A stage's mask, shape (H, W), bool."""
+    return read_plane(path) > 127
 
 
 def _decoded(path: Path, pixels: np.ndarray | None) -> np.ndarray:

@@ -17,7 +17,7 @@ from diga3d_warp.priors.protocol import Prior
 from diga3d_warp.propagation.layers import complete_layers, near_layer, surroundings
 from diga3d_warp.propagation.references import References
 from diga3d_warp.propagation.tone import rim_of, tone_between
-from diga3d_warp.propagation.unseen import Background
+from diga3d_warp.propagation.unseen import OPAQUE, Background
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.reproject import reproject
 
@@ -68,8 +68,9 @@ def fill_references(
         known = _take(backgrounds[index], cameras[index], earlier)
         invented = known.missing
         image, depth = invent(
-            known.image, np.where(known.filled, known.depth, depths[index]), invented, prior, seed
-        )
+            known.image, np.where(known.filled, known.depth, depths[index]), invented, prior, seed,
+            alpha=backgrounds[index].alpha,
+        )  # fmt: skip
         unseen = known.filled | invented
         surface = np.where(unseen, depth, 0.0).astype(np.float32)
         fills.append(Fill(image, surface, unseen, invented, np.zeros_like(unseen)))
@@ -77,8 +78,9 @@ def fill_references(
 
 
 def invent(
-    image: np.ndarray, depth: np.ndarray, hole: np.ndarray, prior: Prior, seed: int
-) -> tuple[np.ndarray, np.ndarray]:
+    image: np.ndarray, depth: np.ndarray, hole: np.ndarray, prior: Prior, seed: int,
+    alpha: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Colour and depth for a hole that no view sees into.
 
     Where the object stood on something that stands out from the background, the two are filled apart, each
@@ -90,6 +92,8 @@ def invent(
         hole: shape (H, W), bool. May be empty.
         prior: Invents the colours.
         seed: Of the prior.
+        alpha: Opacity of the image, shape (H, W), uint8: what is transparent shows nothing that could go on
+            in the hole. None for opaque everywhere.
 
     Returns:
         Image and depth, known pixels unchanged, depth positive everywhere.
@@ -98,13 +102,19 @@ def invent(
     completed = complete_layers(depth, hole, near)
     if not hole.any():
         return image, completed
-    if near is None:
+    if near is None and alpha is None:
         return _filled(image, hole, completed, prior, seed), completed
-    # What lies in front counts as unknown too; within the whole image that would be far more than the hole.
+    # What lies in front, and what is nowhere, counts as unknown too; within the whole image that would be far
+    # more than the hole.
     around = surroundings(hole)
-    behind = _filled(image[around], (hole | near.front)[around], completed[around], prior, seed)
+    unknown = hole if near is None else hole | near.front
+    if alpha is not None and not (unknown | (alpha < OPAQUE))[around].all():
+        unknown = unknown | (alpha < OPAQUE)
+    behind = _filled(image[around], unknown[around], completed[around], prior, seed)
     filled = image.copy()
     filled[around] = np.where(hole[around][..., None], behind, image[around])
+    if near is None:
+        return filled, completed
     window = near.window
     front = _filled(image[window], ~near.surface[window], completed[window], prior, seed)
     filled[window] = np.where(near.part[window][..., None], front, filled[window])

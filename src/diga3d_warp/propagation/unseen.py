@@ -5,6 +5,10 @@ There a photograph shows it, so it need not be invented. A point behind the obje
 another view if it is the first surface there (its depth agrees with that view's own), outside that view's
 mask, and looked at from a similar direction: through a hole that the object left, a camera looks at the backs
 of surfaces, whose fronts the others see.
+
+Where photographs are transparent there may be nothing behind the object, and then nothing is invented. That
+is so where the scene without the object lets the background through, in a part of the image that runs on into
+what the photograph shows as transparent. A part that surfaces enclose is a hole that the object left.
 """
 
 from __future__ import annotations
@@ -20,8 +24,13 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.files import to_bytes
 from diga3d_warp.kernels.observation import look_up
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.reproject import motion_between
+
+OPAQUE = 242
+"""Opacity from which a pixel of a photograph counts as all surface, of 255: 95 %. Mattes of cut-out things
+waver by some levels; a rim lets half of the background through."""
 
 
 @dataclass(frozen=True)
@@ -63,12 +72,16 @@ class Background:
         unseen: True where nobody saw the background, shape (H, W), bool. A part of the mask.
         image: The view's photograph with observed background in the mask, shape (H, W, 3), float32 RGB in
             [0, 1]. Where `unseen`, the photograph is unchanged and still shows the object.
-        observed: True where `image` was filled from other views, shape (H, W), bool: mask without `unseen`.
+        observed: True where `image` was filled from other views or shows that nothing is there, shape
+            (H, W), bool: mask without `unseen`.
+        alpha: Opacity without the object, shape (H, W), uint8: 0 in the mask where nothing is behind the
+            object; None if the view has no alpha.
     """
 
     unseen: np.ndarray
     image: np.ndarray
     observed: np.ndarray
+    alpha: np.ndarray | None = None
 
 
 def observe_behind(
@@ -108,7 +121,8 @@ def observe_behind(
     for i, view in enumerate(views):
         nearest = np.argsort(np.linalg.norm(centers - centers[i], axis=1), kind="stable")
         others = [witnesses[j] for j in nearest if j != i][: settings.views_max]
-        backgrounds.append(_assemble(view, *_observe(view, surfaces[i], others, settings), settings))
+        found = _assemble(view, *_observe(view, surfaces[i], others, settings), settings)
+        backgrounds.append(found if view.alpha is None else _with_nothing(found, view, alphas[i], settings))
     return backgrounds
 
 
@@ -117,10 +131,11 @@ def _mask(view: View) -> np.ndarray:
     return view.mask.astype(bool)
 
 
-def _clear_of(mask: np.ndarray) -> np.ndarray:
-    """Pixels whose neighbours are all unmasked: samples between pixel centres there mix nothing in."""
+def _clear(view: View) -> np.ndarray:
+    """Pixels whose neighbours are all unmasked and opaque: samples between their centres mix nothing in."""
     import cv2
 
+    mask = _mask(view) if view.alpha is None else _mask(view) | (view.alpha < OPAQUE)
     return cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0
 
 
@@ -138,7 +153,7 @@ def _witness(view: View, surface: np.ndarray) -> _Witness:
     return _Witness(
         view.camera,
         wp.array(surface, dtype=wp.float32, device="cpu", copy=False),
-        wp.array(_clear_of(_mask(view)), dtype=wp.bool, device="cpu", copy=False),
+        wp.array(_clear(view), dtype=wp.bool, device="cpu", copy=False),
         wp.array(np.ascontiguousarray(view.pixels), dtype=wp.vec3ub, device="cpu", copy=False),
     )
 
@@ -190,6 +205,20 @@ def _assemble(view: View, colors: np.ndarray, seen: np.ndarray, settings: Unseen
         image = np.where(gaps[..., None] > 0, filled.astype(np.float32) / 255.0, image)
     image[unseen] = view.pixels[unseen].astype(np.float32) / 255.0
     return Background(unseen, image, observed)
+
+
+def _with_nothing(found: Background, view: View, alpha: np.ndarray, settings: UnseenSettings) -> Background:
+    """What is known behind the object, where there may be nothing; `alpha` is that of the cleared scene."""
+    import cv2
+
+    mask, own = _mask(view), view.opacity
+    outside = ~mask & (own < 128)
+    through = outside | (mask & (alpha < settings.alpha_min))
+    _, label = cv2.connectedComponents(through.astype(np.uint8), connectivity=4)
+    nothing = mask & through & np.isin(label, label[outside])
+    image = np.where(nothing[..., None], np.array(BACKGROUND, np.float32), found.image)
+    opacity = np.where(mask, np.where(nothing, 0, 255), own).astype(np.uint8)
+    return Background(found.unseen & ~nothing, image, mask & (found.observed | nothing), opacity)
 
 
 def _without_specks(region: np.ndarray, smallest: float) -> np.ndarray:

@@ -104,6 +104,14 @@ class Scene:
 
         return replace(self, views=[*map(pinhole, self.views)], test_views=[*map(pinhole, self.test_views)])
 
+    def with_alpha(self, known: bool) -> Scene:
+        """The same scene with the alpha of every view spelled out, or with none: all as if opaque."""
+
+        def spelled(view: View) -> View:
+            return replace(view, alpha=view.opacity if known else None)
+
+        return replace(self, views=[*map(spelled, self.views)], test_views=[*map(spelled, self.test_views)])
+
     def with_masks(self, masks: Sequence[np.ndarray | None]) -> Scene:
         """The same scene with one mask per training view, in their order."""
         return replace(self, views=[v.with_mask(m) for v, m in zip(self.views, masks, strict=True)])
