@@ -131,7 +131,6 @@ def test_points_outside_the_scene(tmp_path, corner):
         (lambda c: c.update(frames=[]), "lists no frames"),
         (lambda c: c["frames"][2].pop("transform_matrix"), "frame 2 lacks 'transform_matrix'"),
         (lambda c: c["frames"][2].pop("file_path"), "frame 2 lacks 'file_path'"),
-        (lambda c: c.pop("w"), "frame 0 lacks 'w'"),
         (lambda c: c.pop("fl_x"), "frame 0 lacks 'camera_angle_x'"),
         (lambda c: c["frames"][1].update(transform_matrix=[[1, 2], [3, 4]]), "frame 1: .*shape"),
         (lambda c: c["frames"][1].update(transform_matrix=np.zeros((4, 4)).tolist()), "frame 1: .*rotation"),

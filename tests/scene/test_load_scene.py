@@ -301,3 +301,43 @@ def test_labels_of_all_views_hold_out_as_usual(tmp_path, corner):
 def test_image_scale_outside_its_range(colmap_scene, scale):
     with pytest.raises(InputError, match="outside"):
         load_scene(colmap_scene, image_scale=scale)
+
+
+def test_nerf_synthetic(tmp_path, corner):
+    """RGBA images named without an ending, no size, and frames for training and for testing apart."""
+    write_transforms(tmp_path, corner)
+    contents = json.loads((tmp_path / "transforms.json").read_text())
+    (tmp_path / "transforms.json").unlink()
+    angle = 2 * np.arctan(0.5 * WIDTH / 200.0)
+    for split, frames in (("train", contents["frames"][:4]), ("test", contents["frames"][4:])):
+        (tmp_path / split).mkdir()
+        for number, frame in enumerate(frames):
+            image = corner.images[Path(frame["file_path"]).stem]
+            alpha = np.full(image.shape[:2], 255, np.uint8)
+            alpha[: HEIGHT // 2] = 0
+            assert cv2.imwrite(
+                str(tmp_path / split / f"r_{number}.png"), np.dstack([image[..., ::-1], alpha])
+            )
+            assert cv2.imwrite(str(tmp_path / split / f"r_{number}_depth_0001.png"), alpha)
+            frame["file_path"] = f"./{split}/r_{number}"
+        written = {"camera_angle_x": angle, "frames": frames}
+        (tmp_path / f"transforms_{split}.json").write_text(json.dumps(written))
+    scene = load_scene(tmp_path, image_scale=0.5)
+    assert scene.kind == "nerfstudio" and len(scene.points) > 10
+    assert [view.name for view in scene.views] == ["train_r_0", "train_r_1", "r_2", "r_3"]
+    assert [view.name for view in scene.test_views] == ["test_r_0", "test_r_1"]
+    same_camera(scene.test_views[1].camera, corner.cameras["view_05"].resized(WIDTH // 2, HEIGHT // 2))
+    for view in [*scene.views, *scene.test_views]:
+        assert view.alpha is not None and (view.alpha[: HEIGHT // 4] == 0).all()
+        assert (view.alpha[HEIGHT // 4 :] == 255).all() and view.pixels[HEIGHT // 4 :].std() > 20
+    assert "6 images have no pose" in scene.notes[0]
+
+
+def test_without_a_size_and_without_the_image_a_frame_is_refused(tmp_path, corner):
+    write_transforms(tmp_path, corner)
+    contents = json.loads((tmp_path / "transforms.json").read_text())
+    del contents["w"]
+    (tmp_path / "transforms_train.json").write_text(json.dumps(contents))
+    (tmp_path / "transforms.json").unlink()
+    with pytest.raises(InputError, match=r"transforms_train\.json: frame 0 lacks 'w'; export it again$"):
+        load_scene(tmp_path)

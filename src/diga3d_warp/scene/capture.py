@@ -38,6 +38,7 @@ class Capture:
             smaller: {1: images, 2: images_2}.
         points: Sparse points, or None where the capture has none.
         notes: What a user should know of the reading, one line each.
+        held_out: Keys of the shots that the capture itself keeps for testing.
     """
 
     kind: str
@@ -45,6 +46,7 @@ class Capture:
     image_folders: Mapping[int, Path]
     points: Points | None
     notes: Sequence[str] = field(default_factory=tuple)
+    held_out: frozenset[str] = frozenset()
 
 
 def image_key(name: str) -> str:

@@ -14,8 +14,8 @@ from diga3d_warp.scene.capture import Capture, Shot, image_files, image_folders
 from diga3d_warp.scene.colmap import find_reconstruction, read_colmap
 from diga3d_warp.scene.images import Photograph, choose_folder, read_photograph, read_photographs
 from diga3d_warp.scene.llff import read_llff
-from diga3d_warp.scene.masks import MaskFiles, find_masks, mask_notes, read_mask, without_covering
-from diga3d_warp.scene.nerfstudio import read_nerfstudio
+from diga3d_warp.scene.masks import find_masks, mask_notes, read_mask, without_covering
+from diga3d_warp.scene.nerfstudio import find_transforms, read_nerfstudio
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.scene.sfm import map_images, shrink, triangulate
 from diga3d_warp.scene.splat import find_cameras_root, find_splat, is_splat, read_splat_cameras
@@ -25,6 +25,8 @@ _FEWEST_VIEWS_TO_HOLD_OUT = 4
 # An image may differ from its calibration in aspect ratio by this fraction: rounding in images_8 of a
 # 400 px image makes 1 %.
 _ASPECT_TOLERANCE = 0.02
+# Images that a note names. NeRF-synthetic has some 400 without a pose: depth, normals, a further split.
+_NAMES_LISTED = 8
 
 
 def load_scene(
@@ -38,9 +40,9 @@ def load_scene(
     """Read a capture, recognising its layout.
 
     In this order: a splat .ply with a cameras file; COLMAP (`sparse/0`, `sparse` or `colmap/sparse/0`, .bin
-    or .txt); nerfstudio (`transforms.json`); LLFF and SPIn-NeRF (`poses_bounds.npy`); a folder with images
-    only, whose poses are then recovered. Photographs that are missing or damaged are left out with a note.
-    Where there are no sparse points they are triangulated.
+    or .txt); nerfstudio (`transforms.json`) and NeRF-synthetic (`transforms_train.json`); LLFF and SPIn-NeRF
+    (`poses_bounds.npy`); a folder with images only, whose poses are then recovered. Photographs that are
+    missing or damaged are left out with a note. Where there are no sparse points they are triangulated.
 
     Args:
         path: Scene folder, splat .ply or transforms.json.
@@ -48,7 +50,8 @@ def load_scene(
             where it is large enough.
         masks: Folder with masks named after the images; None looks for `images_N/label` and `masks`.
         hold_out: Every such view in sorted order, from the first, is held out for testing; 0 holds out none,
-            and so do scenes of fewer than 4 views. A SPIn-NeRF scene has its own test views instead.
+            and so do scenes of fewer than 4 views. SPIn-NeRF and NeRF-synthetic scenes have their own test
+            views instead.
         progress: Show progress on the terminal.
 
     Returns:
@@ -67,7 +70,7 @@ def load_scene(
     if len(photographs) < 2:
         raise InputError(
             f"{folder}: a scene needs at least two photographs with poses, not {len(photographs)}; "
-            f"{'; '.join(missing) or 'take or register more'}"
+            f"{'; '.join(missing[:_NAMES_LISTED]) or 'take or register more'}"
         )
     views = {shot.key: _view(shot, photographs[shot.key]) for shot in shots if shot.key in photographs}
     notes = [*capture.notes, *missing, *_unposed(folder, shots)]
@@ -80,14 +83,14 @@ def load_scene(
 
     points = capture.points
     if points is None or not len(points):
-        pixels = {key: view.pixels for key, view in views.items()}
-        points = triangulate(pixels, {key: view.camera for key, view in views.items()}, progress)
+        pixels = {key: view.pixels for key, view in views.items() if key not in capture.held_out}
+        points = triangulate(pixels, {key: views[key].camera for key in pixels}, progress)
         notes.append(f"the capture has no sparse points: triangulated {len(points)}")
     if not len(points):
         raise InputError(
             f"{root}: no sparse points, and none could be triangulated; check that poses and images match"
         )
-    train, test = _split(views, mask_files, hold_out)
+    train, test = _split(views, capture.held_out | mask_files.ground_truth, hold_out)
     if mask_files.files:
         notes += mask_notes(train, mask_folder or root)
         train = without_covering(train)
@@ -110,8 +113,8 @@ def _recognise(path: Path, progress: bool) -> tuple[Path, Capture, Path | None]:
         capture = read_splat_cameras(root)
     elif (reconstruction := find_reconstruction(root)) is not None:
         capture = read_colmap(root, reconstruction)
-    elif (root / "transforms.json").is_file():
-        capture = read_nerfstudio(root, root / "transforms.json")
+    elif transforms := find_transforms(root):
+        capture = read_nerfstudio(root, transforms)
     elif (root / "poses_bounds.npy").is_file():
         capture = read_llff(root)
     elif splat is not None:
@@ -129,7 +132,8 @@ def _map_folder(root: Path, progress: bool) -> Capture:
     if not folders or (root / "sparse").exists():
         raise InputError(
             f"{root}: no capture recognised; expected sparse/0 with cameras and images files (COLMAP), "
-            "transforms.json, poses_bounds.npy, a splat .ply with cameras.json, or photographs only"
+            "transforms.json or transforms_train.json, poses_bounds.npy, a splat .ply with cameras.json, or "
+            "photographs only"
         )
     images, notes = {}, []
     for key, file in image_files(folders[min(folders)]).items():
@@ -158,7 +162,7 @@ def _read_photographs(
     """Photographs by key, and a note on the images that are missing and one on each that is damaged."""
     files = image_files(folder)
     missing = [shot.key for shot in shots if shot.key not in files]
-    notes = [f"{folder}: {len(missing)} images are missing: {', '.join(missing)}"] if missing else []
+    notes = [f"{folder}: {len(missing)} images are missing: {_listed(missing)}"] if missing else []
     present = [shot.key for shot in shots if shot.key in files]
     photographs = {}
     found = read_photographs([files[k] for k in present], scale, progress)
@@ -175,9 +179,13 @@ def _unposed(folder: Path, shots: Sequence[Shot]) -> list[str]:
     known = {shot.key for shot in shots}
     top = any("/" not in key for key in known)
     extra = [key for key in image_files(folder) if key not in known and not (top and "/" in key)]
-    return (
-        [f"{folder}: {len(extra)} images have no pose and are left out: {', '.join(extra)}"] if extra else []
-    )
+    return [f"{folder}: {len(extra)} images have no pose and are left out: {_listed(extra)}"] if extra else []
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names in one line that can be read."""
+    rest = f" and {len(names) - _NAMES_LISTED} more" if len(names) > _NAMES_LISTED else ""
+    return ", ".join(names[:_NAMES_LISTED]) + rest
 
 
 def _view(shot: Shot, photograph: Photograph) -> View:
@@ -191,16 +199,16 @@ def _view(shot: Shot, photograph: Photograph) -> View:
     return View(shot.key, camera.resized(width, height), photograph.pixels, alpha=photograph.alpha)
 
 
-def _split(views: Mapping[str, View], masks: MaskFiles, hold_out: int) -> tuple[list[View], list[View]]:
-    """Training and test views, named."""
+def _split(views: Mapping[str, View], apart: frozenset[str], hold_out: int) -> tuple[list[View], list[View]]:
+    """Training and test views, named; the latter are those that the capture keeps apart, if it does."""
     plain = Counter(key.rsplit("/", 1)[-1] for key in views)
     train: list[View] = []
     test: list[View] = []
     for index, (key, view) in enumerate(views.items()):
         stem = key.rsplit("/", 1)[-1]
         named = replace(view, name=stem if plain[stem] == 1 else key.replace("/", "_"))
-        if masks.ground_truth:
-            held_out = key in masks.ground_truth
+        if apart:
+            held_out = key in apart
         else:
             held_out = hold_out > 0 and len(views) >= _FEWEST_VIEWS_TO_HOLD_OUT and index % hold_out == 0
         (test if held_out else train).append(named)

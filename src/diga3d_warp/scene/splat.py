@@ -13,7 +13,7 @@ from diga3d_warp.scene.ply import property_names
 _SPLAT_PROPERTIES = frozenset({"x", "y", "z", "f_dc_0", "opacity", "scale_0", "rot_0"})
 # Files that hold poses, and how far above the .ply they may lie: 3DGS writes
 # RUN/point_cloud/iteration_30000/point_cloud.ply and RUN/cameras.json.
-_POSES = ("cameras.json", "transforms.json", "sparse", "poses_bounds.npy")
+_POSES = ("cameras.json", "transforms.json", "transforms_train.json", "sparse", "poses_bounds.npy")
 _LEVELS = 3
 
 
