@@ -193,15 +193,14 @@ def _assemble(view: View, colors: np.ndarray, seen: np.ndarray, settings: Unseen
     unseen[mask] = ~seen
     image[mask] = colors
     sampled = mask & ~unseen
-    radius = max(round(settings.closing * scale), 1)
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    disc = _disc(settings, mask)
     unseen = _without_specks(unseen, settings.speck * scale**2)
     unseen = cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_CLOSE, disc).astype(bool) & mask
     observed = mask & ~unseen
     gaps = (observed & ~sampled).astype(np.uint8)
     if gaps.any():
         known = np.where(unseen[..., None], 0.0, image)
-        filled = cv2.inpaint(to_bytes(known), gaps | unseen, radius, cv2.INPAINT_TELEA)
+        filled = cv2.inpaint(to_bytes(known), gaps | unseen, len(disc) // 2, cv2.INPAINT_TELEA)
         image = np.where(gaps[..., None] > 0, filled.astype(np.float32) / 255.0, image)
     image[unseen] = view.pixels[unseen].astype(np.float32) / 255.0
     return Background(unseen, image, observed)
@@ -213,12 +212,24 @@ def _with_nothing(found: Background, view: View, alpha: np.ndarray, settings: Un
 
     mask, own = _mask(view), view.opacity
     outside = ~mask & (own < 128)
-    through = outside | (mask & (alpha < settings.alpha_min))
+    solid = np.where(mask, alpha >= settings.alpha_min, own >= 128).astype(np.uint8)
+    # Crumbs and spikes that no other view saw are left of the object.
+    opened = cv2.morphologyEx(solid, cv2.MORPH_OPEN, _disc(settings, mask))
+    crumbs = (opened == 0) & ~found.observed
+    through = outside | (mask & ((alpha < settings.alpha_min) | crumbs))
     _, label = cv2.connectedComponents(through.astype(np.uint8), connectivity=4)
     nothing = mask & through & np.isin(label, label[outside])
     image = np.where(nothing[..., None], np.array(BACKGROUND, np.float32), found.image)
     opacity = np.where(mask, np.where(nothing, 0, 255), own).astype(np.uint8)
     return Background(found.unseen & ~nothing, image, mask & (found.observed | nothing), opacity)
+
+
+def _disc(settings: UnseenSettings, mask: np.ndarray) -> np.ndarray:
+    """The disc by which gaps are closed, and crumbs opened, in an image of the mask's size."""
+    import cv2
+
+    radius = max(round(settings.closing * float(np.hypot(*mask.shape)) / 630.0), 1)
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
 
 
 def _without_specks(region: np.ndarray, smallest: float) -> np.ndarray:
