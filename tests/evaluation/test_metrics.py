@@ -152,3 +152,15 @@ def test_matching_takes_exposure_out_and_nothing_else():
     assert psnr(matched(truth + noise, truth), truth) == pytest.approx(psnr(truth + noise, truth), abs=0.5)
     flat = matched(torch.full_like(truth, 0.3), truth)
     torch.testing.assert_close(flat, truth.mean((0, 1)).expand_as(truth), atol=1e-4, rtol=0)
+
+
+def test_matching_leaves_the_background_of_cut_out_things_alone():
+    generator = torch.Generator().manual_seed(4)
+    color = 0.2 + 0.5 * torch.rand(20, 24, 3, generator=generator)
+    alpha = torch.randint(0, 256, (20, 24), generator=generator, dtype=torch.uint8)
+    alpha[:, :8] = 0
+    share = alpha[..., None] / 255.0
+    over_white = share * color + (1.0 - share)
+    brighter = share * (0.05 + 0.8 * color) + (1.0 - share)
+    assert psnr(matched(brighter, over_white, alpha.numpy()), over_white) > 90
+    assert psnr(matched(brighter, over_white), over_white) < 50

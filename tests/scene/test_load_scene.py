@@ -341,3 +341,16 @@ def test_without_a_size_and_without_the_image_a_frame_is_refused(tmp_path, corne
     (tmp_path / "transforms.json").unlink()
     with pytest.raises(InputError, match=r"transforms_train\.json: frame 0 lacks 'w'; export it again$"):
         load_scene(tmp_path)
+
+
+def test_llff_with_alpha(tmp_path, corner):
+    (tmp_path / "images").mkdir()
+    alpha = np.where(np.arange(WIDTH) < 100, 255, 0)[None].repeat(HEIGHT, axis=0)
+    for name, image in corner.images.items():
+        planes = np.dstack([image[..., ::-1], alpha]).astype(np.uint8)
+        assert cv2.imwrite(str(tmp_path / "images" / f"{name}.png"), planes)
+    write_poses_bounds(tmp_path, corner)
+    for view in load_scene(tmp_path).views:
+        np.testing.assert_array_equal(view.alpha, alpha)
+        np.testing.assert_array_equal(view.pixels[:, :100], corner.images[view.name][:, :100])
+        assert (view.pixels[:, 100:] == 255).all()

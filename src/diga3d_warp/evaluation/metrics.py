@@ -121,14 +121,14 @@ def matched(image: torch.Tensor, truth: torch.Tensor, alpha: np.ndarray | None =
     colors = image.detach().double().clamp(0.0, 1.0).reshape(-1, 3)
     known = torch.cat([colors, torch.ones_like(colors[:, :1])], dim=1)
     wanted = truth.detach().double().reshape(-1, 3)
-    # A flat image leaves the gain open: the smallest solution is taken.
-    opacity = torch.ones(len(known), 1, dtype=torch.float64)
+    behind = torch.zeros_like(known)
     if alpha is not None:
-        opacity = torch.from_numpy(alpha).double().reshape(-1, 1) / 255.0
-    solution = torch.linalg.lstsq(opacity * known, opacity * wanted, driver="gelsd").solution
-    background = torch.tensor([*BACKGROUND, 1.0], dtype=torch.float64)
-    through = (1.0 - opacity) * (background[:3] - background @ solution)
-    return (known @ solution + through).reshape(truth.shape).to(truth.dtype)
+        through = 1.0 - torch.from_numpy(alpha).double().reshape(-1, 1) / 255.0
+        behind = through * torch.tensor([*BACKGROUND, 1.0], dtype=torch.float64)
+    own = known - behind
+    # A flat image leaves the gain open: the smallest solution is taken.
+    solution = torch.linalg.lstsq(own, wanted - behind[:, :3], driver="gelsd").solution
+    return (own @ solution + behind[:, :3]).reshape(truth.shape).to(truth.dtype)
 
 
 def mean_scores(views: Iterable[Mapping[str, Score]]) -> dict[str, Score]:
