@@ -17,8 +17,10 @@ from functools import cache
 
 import warp as wp
 
-from diga3d_warp.kernels.cells import read, write
+from diga3d_warp.kernels.cells import cells_of
 from diga3d_warp.kernels.launch import OPTIONS, launch
+
+read, write, *_ = cells_of(wp.float32)
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,56 @@ Warp's own indexing multiplies by a variable stride and wraps negative cells; bo
 Each function compiles to one move.
 """
 
+from functools import cache
+from typing import Any, NamedTuple
+
 import warp as wp
 
+PREFETCH = """
+#ifndef __CUDA_ARCH__
+__builtin_prefetch(&values.data[cell], {write});
+if (sizeof(values.data[cell]) > 16)
+    __builtin_prefetch((const char*)(&values.data[cell] + 1) - 1, {write});
+#endif
+"""
+"""Asks for both ends of a larger cell, which may begin in one cache line and end in the next."""
 
-@wp.func_native("return values.data[cell];")
-def read(values: wp.array(dtype=float), cell: int) -> float: ...
+
+class Cells(NamedTuple):
+    """Warp functions for arrays of one type.
+
+    Attributes:
+        read: (array, cell) -> value.
+        write: (array, cell, value).
+        fetch: (array, cell): ask for the cell's cache line ahead of a read; nothing on CUDA.
+        claim: (array, cell): the same ahead of a write.
+    """
+
+    read: Any
+    write: Any
+    fetch: Any
+    claim: Any
 
 
-@wp.func_native("values.data[cell] = value;")
-def write(values: wp.array(dtype=float), cell: int, value: float): ...
+@cache
+def cells_of(dtype: Any) -> Cells:
+    """The functions for arrays of `dtype`."""
+
+    @wp.func_native("return values.data[cell];")
+    def read(values: wp.array(dtype=dtype), cell: int) -> dtype: ...
+
+    @wp.func_native("values.data[cell] = value;")
+    def write(values: wp.array(dtype=dtype), cell: int, value: dtype): ...
+
+    @wp.func_native(PREFETCH.format(write=0))
+    def fetch(values: wp.array(dtype=dtype), cell: int): ...
+
+    @wp.func_native(PREFETCH.format(write=1))
+    def claim(values: wp.array(dtype=dtype), cell: int): ...
+
+    return Cells(read, write, fetch, claim)
+
+
+@wp.func_native("return values.data[cell]++;")
+def take(values: wp.array(dtype=int), cell: int) -> int:
+    """Count one more; returns the count before."""

@@ -32,8 +32,10 @@ from functools import cache
 
 import warp as wp
 
-from diga3d_warp.kernels.cells import read
+from diga3d_warp.kernels.cells import cells_of
 from diga3d_warp.kernels.launch import OPTIONS, launch
+
+read, *_ = cells_of(wp.float32)
 
 LANES = 16
 """Floats of a vector with AVX-512. Rows of a patch are filled up to whole vectors: a remainder of 5 in 21

@@ -24,8 +24,10 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from diga3d_warp.kernels.cells import read, write
+from diga3d_warp.kernels.cells import cells_of
 from diga3d_warp.kernels.launch import OPTIONS, launch
+
+read, write, *_ = cells_of(wp.float32)
 
 TAPS_UNROLLED = {**OPTIONS, "max_unroll": 11}
 """Module options that unroll loops over the window."""
