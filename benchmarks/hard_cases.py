@@ -64,6 +64,10 @@ SIGMA = "kernels/sigma_points.py"
 BLEND = "kernels/blending.py"
 ADJOINT = "kernels/compositing_adjoint.py"
 BINNING = "kernels/binning.py"
+DEALING = "kernels/dealing.py"
+TILES = "kernels/tiles.py"
+LANES = "kernels/lanes.py"
+COMPOSITE = "kernels/compositing.py"
 ORDERING = "kernels/ordering.py"
 DRAW = "kernels/reprojection.py"
 MESH = "kernels/mesh.py"
@@ -230,6 +234,12 @@ CASES = (
                 "return live", BLENDING + "test_the_gaussian_that_would_end_a_pixel_is_left_out"),
             Guard(ADJOINT, "w = wp.where(alive > 0, w, real(0.0))", "w = w * real(1.0)",
                 BLENDING + "test_the_gaussian_that_would_end_a_pixel_is_left_out"),
+            Guard(COMPOSITE, "left[q] = wp.where(alive > 0, T_b[q] - w, -wp.abs(T_b[q]))",
+                "left[q] = wp.where(alive > 0, T_b[q] - w, T_b[q])",
+                BLENDING + "test_a_finished_pixel_takes_nothing_that_would_fit"),
+            Guard(ADJOINT, "left[q] = wp.where(alive > 0, T_b[q] - w, -wp.abs(T_b[q]))",
+                "left[q] = wp.where(alive > 0, T_b[q] - w, T_b[q])",
+                BLENDING + "test_a_finished_pixel_takes_nothing_that_would_fit"),
             Guard("splatting/composite.py", "transmittance.view(height, width),",
                 "1.0 - (1.0 - transmittance.view(height, width)),",
                 BLENDING + "test_a_nearly_finished_pixel_keeps_the_digits_of_its_transmittance"),
@@ -252,6 +262,21 @@ CASES = (
                 BLENDING + "test_an_opacity_of_just_the_skip_has_a_gradient"),
         ),
         ("Accuracy.alpha_min",),
+    ),
+    HardCase(
+        "A block of pixels beside a needle",
+        "A block is left out only if no pixel of it can reach the skip, however the offset to a far centre "
+        "rounds: its edges are moved outwards, by more for a farther centre.",
+        (
+            Guard(LANES, "half_u = root[0] * half_x + wp.abs(root[1]) * half_y",
+                "half_u = (root[0] * half_x + wp.abs(root[1]) * half_y) * real(0.9)",
+                "kernels/test_lanes.py::test_every_block_with_a_pixel_of_the_ellipse_is_reached"),
+            Guard(LANES,
+                "margin = real(wp.static(MARGIN)) + real(wp.static(ROUNDING)) * (wp.abs(gx) + wp.abs(gy))",
+                "margin = real(0.0)",
+                "kernels/test_lanes.py::test_every_block_with_a_pixel_of_the_ellipse_is_reached"),
+        ),
+        ("lanes.MARGIN", "lanes.ROUNDING"),
     ),
     HardCase(
         "The exponent of a long needle",
@@ -278,11 +303,10 @@ CASES = (
         "Tiles counted and emitted",
         "One range is computed, counted and dealt; far-off boxes are clamped before they become integers.",
         (
-            Guard(BINNING, "ranges[i] = r\n    tiles[i] =",
-                "ranges[i] = tile_range(centers[i], 0.99 * extents[i], columns, rows)\n    tiles[i] =",
+            Guard(DEALING, "emission = int(read_int(first, i))", "emission = int(read_int(first, 0))",
                 "kernels/test_binning.py"),
-            Guard(BINNING, "x1 = wp.clamp(center[0] + extent[0] - 0.5, -PIXEL_LIMIT, PIXEL_LIMIT)",
-                "x1 = center[0] + extent[0] - 0.5",
+            Guard(TILES, "high = wp.clamp(center + extent - 0.5, -PIXEL_LIMIT, PIXEL_LIMIT)",
+                "high = center + extent - 0.5",
                 "kernels/test_binning.py::test_every_tile_lists_its_gaussians_by_depth_then_index"),
         ),
     ),
@@ -290,7 +314,7 @@ CASES = (
         "More pairs than 32 bits number",
         "An error in one line, before anything is written.",
         (
-            condition(BINNING, "pairs > np.iinfo(np.int32).max",
+            condition(TILES, "pairs > 0x7FFFFFFF",
                 "kernels/test_binning.py::test_more_pairs_than_32_bits_number_are_an_error"),
         ),
     ),
@@ -299,11 +323,11 @@ CASES = (
         "All bits of the depth are the key, from the near plane to the largest number; equal depths keep "
         "the order of their indices.",
         (
-            Guard(BINNING, "bits = depths[drawn].view(np.int32)",
-                "bits = depths[drawn].view(np.int32) & -65536",
+            Guard(BINNING, "return depths.view(wp.int32)",
+                "return wp.array(depths.numpy().view(np.int32) & -65536, dtype=int, device=depths.device)",
                 BLENDING + "test_depths_that_differ_in_their_last_bit_are_sorted"),
-            Guard(BINNING, "drawn = np.flatnonzero(counts)",
-                "drawn = np.flatnonzero(counts)[::-1].copy()",
+            Guard(DEALING, "elements.numpy().sort()",
+                "elements.assign(np.sort(elements.numpy() ^ 0xFFFFFFFF) ^ 0xFFFFFFFF)",
                 BLENDING + "test_equal_depths_keep_the_order_of_their_indices"),
         ),
     ),

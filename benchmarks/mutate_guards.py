@@ -38,6 +38,7 @@ HOMES = {
     "ReprojectionLimits": "kernels/reprojection.py",
     "MeshLimits": "kernels/mesh.py",
     "cameras": "kernels/cameras.py",
+    "lanes": "kernels/lanes.py",
     "camera": "scene/camera.py",
     "losses": "gaussians/losses.py",
 }

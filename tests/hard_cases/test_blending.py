@@ -75,6 +75,22 @@ def test_the_gaussian_that_would_end_a_pixel_is_left_out():
     assert leaves.sh.grad[1].abs().min() > 1
 
 
+def test_a_finished_pixel_takes_nothing_that_would_fit():
+    """Six small gaussians end the pixels in the middle; a faint loud wall behind them is for the others."""
+    leaves = stack(
+        [0.98] * 6 + [0.02], [[0.5] * 3] * 6 + [[99.0] * 3], [2.0 + 0.1 * k for k in range(7)], WALL
+    )
+    leaves.log_scales[:6] = math.log(0.1)
+    leaves = leaves.detached().requires_grad_()
+    color = render(leaves, AHEAD, background=BACKGROUND).color
+    without = render(leaves.select(torch.arange(6)), AHEAD, background=BACKGROUND).color
+    for y, x, taken in ((14, 19, False), (12, 16, True)):  # of one block
+        difference = (color[y, x] - without[y, x]).abs().max()
+        assert difference > 1.0 if taken else difference < 1e-6
+        (gradient,) = torch.autograd.grad(color[y, x].sum(), leaves.sh, retain_graph=True)
+        assert bool(gradient[6].any()) == taken
+
+
 def test_many_opaque_layers_leave_a_true_remainder():
     """Transmittance is kept, not recovered as 1 - alpha: 200 layers of 2 % leave 0.98^200 = 0.0176."""
     count = 200

@@ -8,7 +8,8 @@ from flat_splats import NAMES, plainly, splats
 
 import oracle
 from diga3d_warp.config import Accuracy
-from diga3d_warp.kernels import attribution, blending
+from diga3d_warp.kernels import attribution
+from diga3d_warp.kernels.lanes import CPU_LANES, CUDA_LANES
 from diga3d_warp.splatting.attribution import Shares, Strongest, shares, strongest
 from diga3d_warp.splatting.project import Projection
 
@@ -127,7 +128,7 @@ def test_lanes_of_a_gpu_give_the_same(accuracy, monkeypatch, threads):
     threads(1)
     results = []
     pixels = values(torch.ones(HEIGHT, WIDTH))
-    for lanes in (blending.CPU_LANES, blending.CUDA_LANES):
+    for lanes in (CPU_LANES, CUDA_LANES):
         monkeypatch.setattr(attribution, "lanes_of", lambda device, blending, lanes=lanes: lanes)
         results.append([
             *shares(projection(), pixels, accuracy=accuracy),

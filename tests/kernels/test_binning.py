@@ -8,6 +8,9 @@ import warp as wp
 
 from diga3d_warp.config import TILE
 from diga3d_warp.kernels.binning import Bins, bin_gaussians
+from diga3d_warp.kernels.dealing import list_by_dealing
+from diga3d_warp.kernels.keyed_pairs import list_by_keys
+from diga3d_warp.kernels.tiles import Lists
 
 COUNT = 120
 
@@ -71,14 +74,28 @@ def test_every_tile_lists_its_gaussians_by_depth_then_index(width, height, devic
     assert bins.pair_count == starts[-1] > 0
 
 
-def test_slots_lead_from_each_gaussian_to_its_pairs():
-    bins = binned(*boxes(), 64, 48)
-    order, first, slots = bins.order.numpy(), bins.first.numpy(), bins.slots.numpy()
-    gaussians = bins.gaussians.numpy()
-    assert sorted(slots) == list(range(bins.pair_count))
-    for k, gaussian in enumerate(order):
-        assert (gaussians[slots[first[k] : first[k + 1]]] == gaussian).all()
-    assert first[-1] == bins.pair_count
+def test_emissions_number_the_pairs_gaussian_after_gaussian(device):
+    bins = binned(*boxes(), 64, 48, device)
+    first, emissions = bins.first.numpy(), bins.emissions.numpy()
+    assert sorted(emissions) == list(range(bins.pair_count))
+    emitter = np.repeat(np.arange(COUNT), np.diff(first))
+    assert np.array_equal(emitter[emissions], bins.gaussians.numpy())
+    assert first[0] == 0 and first[-1] == bins.pair_count
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_sorting_keys_gives_the_same_lists_as_dealing(seed):
+    """The form for CUDA, on this machine's CPU."""
+    centers, depths, extents = boxes(seed)
+    arrays = [
+        wp.array(centers, dtype=wp.vec2, device="cpu"),
+        wp.array(extents, dtype=wp.vec2, device="cpu"),
+        wp.array(depths, dtype=float, device="cpu").view(wp.int32),
+    ]
+    dealt, sorted_ = list_by_dealing(*arrays, 4, 3), list_by_keys(*arrays, 4, 3)
+    assert dealt.gaussians.shape[0] > COUNT
+    for name, one, other in zip(Lists._fields, dealt, sorted_, strict=True):
+        assert np.array_equal(one.numpy(), other.numpy()), name
 
 
 def test_lists_do_not_depend_on_the_number_of_threads(threads):
@@ -93,7 +110,7 @@ def test_lists_do_not_depend_on_the_number_of_threads(threads):
     for number in (1, 2, 3):
         threads(number)
         bins = binned(*scene, 600, 600)
-        results.append([a.numpy() for a in (bins.gaussians, bins.starts, bins.order, bins.first, bins.slots)])
+        results.append([a.numpy() for a in (bins.gaussians, bins.starts, bins.first, bins.emissions)])
     for other in results[1:]:
         assert all(np.array_equal(a, b) for a, b in zip(results[0], other, strict=True))
 
@@ -116,10 +133,10 @@ def test_float64_lists_the_same_and_orders_by_all_its_digits():
 
 
 @pytest.mark.parametrize("count", [0, 1, COUNT])
-def test_an_empty_view_has_empty_lists(count):
+def test_an_empty_view_has_empty_lists(count, device):
     centers, depths, extents = (part[:count] for part in boxes())
-    bins = binned(centers - 1e4, depths, extents * (extents < 1e3), 64, 48)
-    assert bins.pair_count == 0
+    bins = binned(centers - 1e4, depths, extents * (extents < 1e3), 64, 48, device)
+    assert bins.pair_count == 0 and bins.first.numpy().tolist() == [0] * (count + 1)
     assert not bins.starts.numpy().any()
     assert len(bins.starts.numpy()) == 4 * 3 + 1
 

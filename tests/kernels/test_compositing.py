@@ -10,6 +10,7 @@ from flat_splats import ACCURACIES, NAMES, blended, expected, few, plainly, spla
 import oracle
 from diga3d_warp.config import Accuracy, Effects
 from diga3d_warp.kernels import blending, compositing, compositing_adjoint
+from diga3d_warp.kernels.lanes import CPU_LANES, CUDA_LANES
 from diga3d_warp.splatting.composite import composite
 from diga3d_warp.splatting.project import Projection
 
@@ -65,7 +66,7 @@ def test_lanes_of_a_gpu_give_the_same_image_and_gradients(monkeypatch, threads):
     """The CUDA form of the kernels, one pixel a thread, run on this machine's CPU."""
     threads(1)  # its atomic additions are none on CPU
     results = []
-    for lanes in (blending.CPU_LANES, blending.CUDA_LANES):
+    for lanes in (CPU_LANES, CUDA_LANES):
         for module in (compositing, compositing_adjoint):
             monkeypatch.setattr(module, "lanes_of", lambda device, _, lanes=lanes: lanes)
         found, leaves = blended(37, 29)

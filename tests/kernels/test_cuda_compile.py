@@ -8,13 +8,14 @@ import warp as wp
 from diga3d_warp.kernels import (
     adam,
     attribution,
-    binning,
     blending,
     cameras,
     compositing,
     compositing_adjoint,
     gradient_rows,
     harmonics,
+    keyed_pairs,
+    lanes,
     mesh,
     ordering,
     patches,
@@ -27,7 +28,7 @@ from diga3d_warp.kernels import (
 )
 from diga3d_warp.kernels.projection import Projecting
 
-CUDA = blending.CUDA_LANES
+CUDA = lanes.CUDA_LANES
 PLAIN = blending.Blending()
 FULL = blending.Blending(1e-7, 0.0, 8, precision="float64", boxed=True, normals=True, median=True)
 KERNELS = {
@@ -35,13 +36,13 @@ KERNELS = {
     "pixel_rays": lambda: cameras.pixel_rays_kernel("fisheye"),
     "project": lambda: projection.projection_kernel(Projecting("brown")),
     "shade": lambda: harmonics.harmonics_kernel(3),
-    "binning": lambda: binning.count_tiles,
+    "binning": lambda: keyed_pairs.emit_pairs,
     "composite": lambda: compositing.forward_kernel(PLAIN, CUDA),
     "composite_full": lambda: compositing.forward_kernel(FULL, CUDA),
     "composite_adjoint": lambda: compositing_adjoint.adjoint_kernel(PLAIN, CUDA),
     "composite_adjoint_full": lambda: compositing_adjoint.adjoint_kernel(FULL, CUDA),
-    "composite_deterministic": lambda: compositing.forward_kernel(PLAIN, blending.CPU_LANES),
-    "composite_adjoint_deterministic": lambda: compositing_adjoint.adjoint_kernel(PLAIN, blending.CPU_LANES),
+    "composite_deterministic": lambda: compositing.forward_kernel(PLAIN, lanes.CPU_LANES),
+    "composite_adjoint_deterministic": lambda: compositing_adjoint.adjoint_kernel(PLAIN, lanes.CPU_LANES),
     "ordered": lambda: ordering.ordered_kernel(PLAIN),
     "ordered_full": lambda: ordering.ordered_kernel(FULL),
     "ordered_adjoint": lambda: ordering.ordered_adjoint_kernel(PLAIN, 1),

@@ -24,10 +24,11 @@ from diga3d_warp.evaluation.tables import Table
 from diga3d_warp.gaussians.exposure import exposed
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.kernels import ordering
-from diga3d_warp.kernels.blending import CPU_LANES, Blending
+from diga3d_warp.kernels.blending import Blending
 from diga3d_warp.kernels.compositing import forward_kernel
 from diga3d_warp.kernels.compositing_adjoint import adjoint_kernel
 from diga3d_warp.kernels.harmonics import harmonics_kernel
+from diga3d_warp.kernels.lanes import CPU_LANES
 from diga3d_warp.kernels.normals import normals_kernel
 from diga3d_warp.kernels.projection import Projecting, projection_kernel
 from diga3d_warp.scene.camera import Camera

@@ -140,7 +140,7 @@ def statistics(projection: Projection, camera: Camera) -> Statistics:
     # The smaller eigenvalue of the inverse covariance is the inverse of the larger variance.
     smaller = 0.5 * (xx + yy) - (0.25 * (xx - yy) ** 2 + xy**2).sqrt()
     return Statistics(
-        drawn=bins.order.shape[0],
+        drawn=int((np.diff(bins.first.numpy()) > 0).sum()),
         median_radius=float(3.0 * smaller.rsqrt().median()),
         tile_pairs=bins.pair_count,
         listed_pairs=int((listed * high[:, None] * wide).sum()),

@@ -18,7 +18,8 @@ import warp as wp
 
 from diga3d_warp.config import TILE
 from diga3d_warp.kernels.binning import Bins
-from diga3d_warp.kernels.blending import Blending, Lanes, lanes_of, rules, total_function
+from diga3d_warp.kernels.blending import Blending, rules
+from diga3d_warp.kernels.lanes import Lanes, lanes_of, lowest_bit, reached_function, total_function
 from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.ordering import WINDOW, nearest_function
 from diga3d_warp.kernels.precision import types_of
@@ -32,16 +33,15 @@ def share_row(blending: Blending) -> Any:
 @cache
 def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares: bool) -> wp.Kernel:
     """Note the `strongest` gaussians of each pixel, and with `shares` what each pair takes of the image."""
-    width, height = lanes.block_width, lanes.block_height
-    across, down = lanes.region // width, lanes.region // height
-    blocks, size = across * down, width * height
-    per_tile = TILE // lanes.region
+    width, height, across = lanes.block_width, lanes.block_height, lanes.across
+    blocks, size, per_tile = lanes.blocks, lanes.size, lanes.per_tile
     real = blending.real
     vec2, vec3, *_ = types_of(real)
     vec = wp.types.vector(size, real)
     ints = wp.types.vector(size, int)
     row_of = share_row(blending)
-    unit, response, clipped, survives, _, block_range = rules(blending)
+    unit, response, clipped, survives, _ = rules(blending)
+    reached = reached_function(blending, lanes)
     total = total_function(size, real)
     value_planes = 3 * blocks if shares else 1
     kept_planes = max(1, strongest * blocks)
@@ -54,6 +54,7 @@ def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares:
         image_height: int,
         starts: wp.array(dtype=int),
         gaussians: wp.array(dtype=int),
+        emissions: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
         roots: wp.array(dtype=vec3),
@@ -73,34 +74,30 @@ def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares:
         y0 = (tile // columns) * wp.static(TILE) + (part // wp.static(per_tile)) * wp.static(lanes.region)
 
         T = wp.zeros(shape=wp.static(blocks), dtype=vec)
-        live = wp.zeros(shape=wp.static(blocks), dtype=ints)
         v = wp.zeros(shape=wp.static(value_planes), dtype=vec)
         top_ids = wp.zeros(shape=wp.static(kept_planes), dtype=ints)
         top = wp.zeros(shape=wp.static(kept_planes), dtype=vec)
-        block_live = wp.zeros(shape=wp.static(blocks), dtype=int)
-        left = int(0)
+        live = int(0)
         for block in range(wp.static(blocks)):
-            T[block] = vec(real(1.0))
-            live_b = ints(0)
+            T_b = vec(real(-1.0))
             inside = int(0)
             for q in range(size):
                 x = x0 + (block % across) * width + q % width
                 y = y0 + (block // across) * height + q // width
                 if x < image_width and y < image_height:
-                    live_b[q] = 1
+                    T_b[q] = real(1.0)
                     inside = 1
                     if wp.static(shares):
                         value = values[y * image_width + x]
                         for k in range(3):
                             v[k * blocks + block][q] = value[k]
-            live[block] = live_b
-            block_live[block] = inside
-            left += inside
+            T[block] = T_b
+            live = live | (inside << block)
             for s in range(strongest):
                 top_ids[s * blocks + block] = ints(-1)
 
         for j in range(starts[tile], starts[tile + 1]):
-            if left == 0:
+            if live == 0:
                 break
             i = gaussians[j]
             center = centers[i]
@@ -114,60 +111,57 @@ def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares:
             taken_green = vec(real(0.0))
             taken_blue = vec(real(0.0))
             hits = vec(real(0.0))
-            box = block_range(center, extent, x0, y0, width, height)
-            for by in range(wp.max(box[2], 0), wp.min(box[3], down)):
-                for bx in range(wp.max(box[0], 0), wp.min(box[1], across)):
-                    block = by * across + bx
-                    if block_live[block] != 0:
-                        bgx = gx - real(bx * width)
-                        bgy = gy - real(by * height)
-                        T_b = T[block]
-                        live_b = live[block]
-                        weight = vec(real(0.0))
-                        any_live = int(0)
+            remaining = live & reached(i, centers, extents, roots, x0, y0)
+            while remaining != 0:
+                block = lowest_bit(remaining)
+                remaining = remaining & (remaining - 1)
+                bgx = gx - real((block % across) * width)
+                bgy = gy - real((block // across) * height)
+                T_b = T[block]
+                left = vec(real(0.0))
+                weight = vec(real(0.0))
+                any_live = int(0)
+                for q in range(size):
+                    dx = bgx - real(q % width)
+                    dy = bgy - real(q // width)
+                    w = clipped(response(opacity, root, dx, dy, extent)) * T_b[q]
+                    alive = survives(T_b[q] - w, 1)
+                    left[q] = wp.where(alive > 0, T_b[q] - w, -wp.abs(T_b[q]))
+                    weight[q] = wp.where(alive > 0, w, real(0.0))
+                    any_live = any_live | alive
+                T[block] = left
+                if wp.static(shares):
+                    taken = taken + weight
+                    taken_red = taken_red + wp.cw_mul(weight, v[block])
+                    taken_green = taken_green + wp.cw_mul(weight, v[wp.static(blocks) + block])
+                    taken_blue = taken_blue + wp.cw_mul(weight, v[wp.static(2 * blocks) + block])
+                    for q in range(size):
+                        hits[q] = hits[q] + wp.where(weight[q] > real(0.0), real(1.0), real(0.0))
+                if wp.static(strongest > 0):
+                    moved = weight
+                    moved_ids = ints(i)
+                    for s in range(strongest):
+                        plane = wp.static(s * blocks) + block
+                        kept = top[plane]
+                        kept_ids = top_ids[plane]
                         for q in range(size):
-                            dx = bgx - real(q % width)
-                            dy = bgy - real(q // width)
-                            w = clipped(response(opacity, root, dx, dy, extent)) * T_b[q]
-                            alive = survives(T_b[q] - w, live_b[q])
-                            live_b[q] = alive
-                            weight[q] = wp.where(alive > 0, w, real(0.0))
-                            any_live = any_live | alive
-                        live[block] = live_b
-                        T[block] = T_b - weight
-                        if wp.static(shares):
-                            taken = taken + weight
-                            taken_red = taken_red + wp.cw_mul(weight, v[block])
-                            taken_green = taken_green + wp.cw_mul(weight, v[wp.static(blocks) + block])
-                            taken_blue = taken_blue + wp.cw_mul(weight, v[wp.static(2 * blocks) + block])
-                            for q in range(size):
-                                hits[q] = hits[q] + wp.where(weight[q] > real(0.0), real(1.0), real(0.0))
-                        if wp.static(strongest > 0):
-                            moved = weight
-                            moved_ids = ints(i)
-                            for s in range(strongest):
-                                plane = wp.static(s * blocks) + block
-                                kept = top[plane]
-                                kept_ids = top_ids[plane]
-                                for q in range(size):
-                                    old = kept[q]
-                                    old_id = kept_ids[q]
-                                    new = moved[q]
-                                    new_id = moved_ids[q]
-                                    kept[q] = wp.where(new > old, new, old)
-                                    kept_ids[q] = wp.where(new > old, new_id, old_id)
-                                    moved[q] = wp.where(new > old, old, new)
-                                    moved_ids[q] = wp.where(new > old, old_id, new_id)
-                                top[plane] = kept
-                                top_ids[plane] = kept_ids
-                        if any_live == 0:
-                            block_live[block] = 0
-                            left -= 1
+                            old = kept[q]
+                            old_id = kept_ids[q]
+                            new = moved[q]
+                            new_id = moved_ids[q]
+                            kept[q] = wp.where(new > old, new, old)
+                            kept_ids[q] = wp.where(new > old, new_id, old_id)
+                            moved[q] = wp.where(new > old, old, new)
+                            moved_ids[q] = wp.where(new > old, old_id, new_id)
+                        top[plane] = kept
+                        top_ids[plane] = kept_ids
+                if any_live == 0:
+                    live = live & ~(1 << block)
             if wp.static(shares):
                 row = row_of(
                     total(taken), total(taken_red), total(taken_green), total(taken_blue), total(hits)
                 )  # fmt: skip
-                wp.atomic_add(rows, j, row)
+                wp.atomic_add(rows, emissions[j], row)
 
         for block in range(wp.static(blocks)):
             for q in range(size):
@@ -187,7 +181,7 @@ def ordered_attribution_kernel(blending: Blending, region: int, strongest: int, 
     real = blending.real
     vec2, vec3, *_ = types_of(real)
     row_of = share_row(blending)
-    _, _, clipped, survives, _, _ = rules(blending)
+    _, _, clipped, survives, _ = rules(blending)
     nearest = nearest_function(blending)
     per_tile = TILE // region
     tops = wp.types.vector(length=max(1, strongest), dtype=real)
@@ -201,6 +195,7 @@ def ordered_attribution_kernel(blending: Blending, region: int, strongest: int, 
         height: int,
         starts: wp.array(dtype=int),
         gaussians: wp.array(dtype=int),
+        emissions: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
         roots: wp.array(dtype=vec3),
@@ -249,7 +244,7 @@ def ordered_attribution_kernel(blending: Blending, region: int, strongest: int, 
                                     if wp.static(shares):
                                         value = values[index]
                                         row = row_of(w, w * value[0], w * value[1], w * value[2], real(1.0))
-                                        wp.atomic_add(rows, js[s], row)
+                                        wp.atomic_add(rows, emissions[js[s]], row)
                                     moved = real(w)
                                     moved_id = int(gaussians[js[s]])
                                     for k in range(strongest):
@@ -277,23 +272,20 @@ def share_kernel(blending: Blending) -> wp.Kernel:
     @wp.kernel(module="unique", module_options=OPTIONS)
     def add_shares(
         offset: int,
-        order: wp.array(dtype=int),
         first: wp.array(dtype=int),
-        slots: wp.array(dtype=int),
         rows: wp.array(dtype=row_of),
         # outputs
         weights: wp.array(dtype=real),
         sums: wp.array(dtype=vec3),
         hits: wp.array(dtype=int),
     ):
-        k = wp.tid() + offset
+        i = wp.tid() + offset
         row = row_of(real(0.0))
         count = int(0)
-        for emission in range(first[k], first[k + 1]):
-            pair = rows[slots[emission]]
+        for emission in range(first[i], first[i + 1]):
+            pair = rows[emission]
             row = row + pair
             count += int(pair[4])
-        i = order[k]
         weights[i] = row[0]
         sums[i] = vec3(row[1], row[2], row[3])
         hits[i] = count
@@ -330,14 +322,14 @@ def shares(
         bins, width, height, splats, blending: As in `strongest`.
         values: Three numbers per pixel, shape (H * W,), vec3.
         outputs: Sum of weights (N,), sum of weights times values (N,) vec3, and number of pixels (N,) int.
-            Gaussians that no tile lists are left alone.
+            0 for gaussians that no tile lists.
     """
     device, real = bins.starts.device, blending.real
     ids, weights = wp.empty((0, 1), dtype=int, device=device), wp.empty((0, 1), dtype=real, device=device)
     rows = wp.zeros(bins.pair_count, dtype=share_row(blending), device=device)
     _attribute(bins, width, height, [*splats, values], [ids, weights, rows], 0, True, blending)
     launch(
-        share_kernel(blending), bins.order.shape[0], [bins.order, bins.first, bins.slots, rows], outputs,
+        share_kernel(blending), bins.first.shape[0] - 1, [bins.first, rows], outputs,
         device=device, work=2,
     )  # fmt: skip
 
@@ -351,6 +343,6 @@ def _attribute(bins, width, height, inputs, outputs, count: int, with_shares: bo
         kernel = attribution_kernel(blending, lanes, count, with_shares)
     launch(
         kernel, bins.columns * bins.rows * (TILE // lanes.region) ** 2,
-        [bins.columns, width, height, bins.starts, bins.gaussians, *inputs], outputs,
+        [bins.columns, width, height, bins.starts, bins.gaussians, bins.emissions, *inputs], outputs,
         device=device, work=100, uneven=True,
     )  # fmt: skip

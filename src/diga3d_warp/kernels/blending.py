@@ -17,7 +17,7 @@ import numpy as np
 import warp as wp
 from numpy.polynomial import Chebyshev, Polynomial
 
-from diga3d_warp.config import SPLATTING, TILE, Accuracy, Effects
+from diga3d_warp.config import SPLATTING, Accuracy, Effects
 from diga3d_warp.kernels.launch import OPTIONS
 from diga3d_warp.kernels.precision import REALS, types_of
 
@@ -96,45 +96,6 @@ class Blending:
         return 3 + self.depth
 
 
-@dataclass(frozen=True)
-class Lanes:
-    """How pixels are dealt to threads: side of a thread's region and of a lane block [px]."""
-
-    region: int
-    block_width: int
-    block_height: int
-
-
-CPU_LANES = Lanes(region=TILE, block_width=4, block_height=4)
-"""16 lanes fill one AVX-512 register; a 4 x 4 block follows the shape of a splat better than a 16 x 1 row."""
-
-CUDA_LANES = Lanes(region=1, block_width=1, block_height=1)
-
-
-def lanes_of(device: wp.Device, blending: Blending) -> Lanes:
-    return CPU_LANES if device.is_cpu or blending.deterministic else CUDA_LANES
-
-
-def notes_changes(lanes: Lanes) -> bool:
-    """Whether a thread sees all that a pair changes, and so can note it."""
-    return lanes.region == TILE
-
-
-@cache
-def total_function(size: int, real: Any) -> Any:
-    """Warp function: the sum over `size` lanes."""
-    vec = wp.types.vector(size, real)
-
-    @wp.func
-    def total(lanes: vec) -> real:
-        result = vec(real(0.0))[0]
-        for q in range(size):
-            result += lanes[q]
-        return result
-
-    return total
-
-
 class Exponential(NamedTuple):
     """exp(x) on [-reach, 0] as p(x / 2^squarings)^(2^squarings).
 
@@ -173,8 +134,6 @@ class Rules(NamedTuple):
         clipped: (response) -> alpha: 0 below alpha_min, at most alpha_max.
         survives: (transmittance after it, live) -> live, or 0 if the gaussian would finish the pixel.
         features: (index, colors, depths, normals) -> what is blended, read at an index of three arrays.
-        block_range: (center, extent, x, y, width, height) -> blocks of the region at pixel (x, y), of so many
-            pixels each, that the gaussian's box touches: first and end column, first and end row.
     """
 
     unit: float
@@ -182,7 +141,6 @@ class Rules(NamedTuple):
     clipped: Any
     survives: Any
     features: Any
-    block_range: Any
 
 
 @cache
@@ -252,25 +210,4 @@ def rules(blending: Blending) -> Rules:
             result[wp.static(blending.normal_at + 2)] = normal[2]
         return result
 
-    @wp.func
-    def first_pixel(low: real, start: int) -> int:
-        """First pixel of a region at `start` whose centre is not before `low`, at most `TILE`."""
-        first = wp.ceil(wp.clamp(low - real(0.5), real(-1.0e6), real(1.0e6))) - real(start)
-        return int(wp.clamp(first, real(0.0), real(wp.static(TILE))))
-
-    @wp.func
-    def end_pixel(high: real, start: int) -> int:
-        """One past the last pixel of a region at `start` whose centre is not after `high`, at least 0."""
-        last = wp.floor(wp.clamp(high - real(0.5), real(-1.0e6), real(1.0e6))) - real(start)
-        return int(wp.clamp(last, real(-1.0), real(wp.static(TILE - 1)))) + 1
-
-    @wp.func
-    def block_range(center: vec2, extent: vec2, x: int, y: int, width: int, height: int) -> wp.vec4i:
-        return wp.vec4i(
-            first_pixel(center[0] - extent[0], x) // width,
-            (end_pixel(center[0] + extent[0], x) + width - 1) // width,
-            first_pixel(center[1] - extent[1], y) // height,
-            (end_pixel(center[1] + extent[1], y) + height - 1) // height,
-        )
-
-    return Rules(unit, response, clipped, survives, features, block_range)
+    return Rules(unit, response, clipped, survives, features)

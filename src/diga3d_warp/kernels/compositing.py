@@ -2,15 +2,16 @@
 
     C = sum_i c_i alpha_i T_i,   D = sum_i z_i alpha_i T_i,   T_i = prod_{j<i} (1 - alpha_j)   (paper Eq. 1)
 
-A thread owns a region of pixels, cut into small blocks; for each listed gaussian it visits the blocks that
-the gaussian's box touches, and blends their pixels in one loop over lanes, which the compiler turns into
-vector instructions. On CPU a region is a tile of 4 x 4 px blocks; on CUDA it is one pixel.
+For each listed gaussian a thread visits the blocks of its region that the gaussian reaches, and blends their
+pixels in one loop over lanes, which the compiler turns into vector instructions.
 
 Invariants
 - Lane loops are dynamic, without `break` or `continue`: lanes that are finished or skipped are masked with
-  `wp.where`, and their liveness is kept as integers. Lane state is a vector copied out and back.
+  `wp.where`. Lane state is a vector copied out and back.
+- A finished pixel keeps its transmittance with a minus sign: whatever comes then leaves less than nothing,
+  and so does not survive.
 - A tile notes, one bit a block, where each listed gaussian changed a live pixel. The adjoint visits those
-  blocks alone: about half of what the boxes touch. On CUDA, where a thread owns one pixel, nothing is noted.
+  blocks alone. On CUDA, where a thread owns one pixel, nothing is noted.
 - Colour, depth and normal are features alike: each is the sum of the same weights times its own number.
 """
 
@@ -21,7 +22,16 @@ import warp as wp
 from diga3d_warp.config import TILE
 from diga3d_warp.kernels import ordering
 from diga3d_warp.kernels.binning import Bins
-from diga3d_warp.kernels.blending import Blending, Lanes, lanes_of, notes_changes, rules
+from diga3d_warp.kernels.blending import Blending, rules
+from diga3d_warp.kernels.cells import cells_of
+from diga3d_warp.kernels.lanes import (
+    AHEAD,
+    Lanes,
+    fetch_function,
+    lanes_of,
+    lowest_bit,
+    reached_function,
+)
 from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.precision import types_of
 
@@ -29,16 +39,16 @@ from diga3d_warp.kernels.precision import types_of
 @cache
 def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
     """Blend the features that are asked for."""
-    width, height = lanes.block_width, lanes.block_height
-    across, down = lanes.region // width, lanes.region // height
-    blocks, size = across * down, width * height
-    per_tile = TILE // lanes.region
-    notes = notes_changes(lanes)
+    width, height, across = lanes.block_width, lanes.block_height, lanes.across
+    blocks, size, per_tile = lanes.blocks, lanes.size, lanes.per_tile
+    notes = lanes.owns_tile
     real, count = blending.real, blending.features
     vec2, vec3, *_ = types_of(real)
     vec = wp.types.vector(size, real)
-    ints = wp.types.vector(size, int)
-    unit, response, clipped, survives, features, block_range = rules(blending)
+    read, write, *_ = cells_of(vec)
+    unit, response, clipped, survives, features = rules(blending)
+    reached = reached_function(blending, lanes)
+    fetch = fetch_function(blending)
 
     @wp.kernel(module="unique", module_options=OPTIONS)
     def composite(
@@ -72,21 +82,27 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
         T = wp.zeros(shape=wp.static(blocks), dtype=vec)
         sums = wp.zeros(shape=wp.static(count * blocks), dtype=vec)
         median = wp.zeros(shape=wp.static(blocks if blending.median else 1), dtype=vec)
-        live = wp.zeros(shape=wp.static(blocks), dtype=ints)
-        block_live = wp.zeros(shape=wp.static(blocks), dtype=int)
-        left = int(0)
+        live = int(0)
         for block in range(wp.static(blocks)):
-            T[block] = vec(real(1.0))
-            live[block] = ints(1)
+            write(T, block, vec(real(1.0)))
             inside = (x0 + (block % across) * width < image_width) and (
                 y0 + (block // across) * height < image_height
             )
-            block_live[block] = wp.where(inside, 1, 0)
-            left += block_live[block]
+            live = live | (wp.where(inside, 1, 0) << block)
 
-        for j in range(starts[tile], starts[tile + 1]):
-            if left == 0:
+        start = starts[tile]
+        last = starts[tile + 1] - 1
+        upcoming = int(0)
+        if start <= last:
+            upcoming = reached(gaussians[start], centers, extents, roots, x0, y0)
+        for j in range(start, last + 1):
+            if live == 0:
                 break
+            # Which blocks the next gaussian reaches is known before this one is blended: the loop below then
+            # does not wait for it.
+            remaining = live & upcoming
+            upcoming = reached(gaussians[wp.min(j + 1, last)], centers, extents, roots, x0, y0)
+            fetch(gaussians[wp.min(j + AHEAD, last)], centers, extents, roots, opacities, colors)
             i = gaussians[j]
             center = centers[i]
             extent = extents[i]
@@ -95,45 +111,41 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
             value = features(i, colors, depths, normals)
             gx = center[0] - real(x0) - real(0.5)
             gy = center[1] - real(y0) - real(0.5)
-            box = block_range(center, extent, x0, y0, width, height)
             changed = int(0)
-            for by in range(wp.max(box[2], 0), wp.min(box[3], down)):
-                for bx in range(wp.max(box[0], 0), wp.min(box[1], across)):
-                    block = by * across + bx
-                    if block_live[block] != 0:
-                        bgx = gx - real(bx * width)
-                        bgy = gy - real(by * height)
-                        T_b = T[block]
-                        live_b = live[block]
-                        weight = vec(real(0.0))
-                        any_live = int(0)
-                        any_change = int(0)
-                        for q in range(size):
-                            dx = bgx - real(q % width)
-                            dy = bgy - real(q // width)
-                            alpha = clipped(response(opacity, root, dx, dy, extent))
-                            w = alpha * T_b[q]
-                            any_change = any_change | wp.where(alpha > real(0.0), live_b[q], 0)
-                            alive = survives(T_b[q] - w, live_b[q])
-                            live_b[q] = alive
-                            weight[q] = wp.where(alive > 0, w, real(0.0))
-                            any_live = any_live | alive
-                        live[block] = live_b
-                        T[block] = T_b - weight
-                        for k in range(count):
-                            plane = wp.static(k * blocks)  # naming k in a constant unrolls the loop
-                            sums[plane + block] = sums[plane + block] + weight * value[k]
-                        if wp.static(blending.median):
-                            median_b = median[block]
-                            z = depths[i]
-                            for q in range(size):
-                                here = wp.where(T_b[q] >= real(0.5), z, median_b[q])
-                                median_b[q] = wp.where(T_b[q] - weight[q] < real(0.5), here, median_b[q])
-                            median[block] = median_b
-                        changed = changed | (any_change << block)
-                        if any_live == 0:
-                            block_live[block] = 0
-                            left -= 1
+            while remaining != 0:
+                block = lowest_bit(remaining)
+                remaining = remaining & (remaining - 1)
+                bgx = gx - real((block % across) * width)
+                bgy = gy - real((block // across) * height)
+                T_b = read(T, block)
+                left = vec(real(0.0))
+                weight = vec(real(0.0))
+                any_live = int(0)
+                any_change = int(0)
+                for q in range(size):
+                    dx = bgx - real(q % width)
+                    dy = bgy - real(q // width)
+                    w = clipped(response(opacity, root, dx, dy, extent)) * T_b[q]
+                    alive = survives(T_b[q] - w, 1)
+                    left[q] = wp.where(alive > 0, T_b[q] - w, -wp.abs(T_b[q]))
+                    weight[q] = wp.where(alive > 0, w, real(0.0))
+                    any_live = any_live | alive
+                    # Not 1: a union of known bits is compiled to shuffles, one of unknown ones to a test.
+                    any_change = any_change | wp.where(w > real(0.0), columns, 0)
+                write(T, block, left)
+                for k in range(count):
+                    plane = wp.static(k * blocks)  # naming k in a constant unrolls the loop
+                    write(sums, plane + block, read(sums, plane + block) + weight * value[k])
+                if wp.static(blending.median):
+                    median_b = read(median, block)
+                    z = depths[i]
+                    for q in range(size):
+                        here = wp.where(T_b[q] >= real(0.5), z, median_b[q])
+                        median_b[q] = wp.where(T_b[q] - weight[q] < real(0.5), here, median_b[q])
+                    write(median, block, median_b)
+                changed = changed | (wp.where(any_change != 0, 1, 0) << block)
+                if any_live == 0:
+                    live = live & ~(1 << block)
             if wp.static(notes):
                 changes[j] = changed
 
@@ -148,7 +160,7 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
                         sums[wp.static(blocks) + block][q],
                         sums[wp.static(2 * blocks) + block][q],
                     )
-                    transmittance[pixel] = T[block][q]
+                    transmittance[pixel] = wp.abs(T[block][q])
                     if wp.static(blending.depth):
                         depth_sum[pixel] = sums[wp.static(3 * blocks) + block][q]
                     if wp.static(blending.normals):
@@ -188,10 +200,10 @@ def composite(
         ordering.composite(bins, width, height, splats, outputs, blending)
         return wp.zeros(0, dtype=int, device=device)
     lanes = lanes_of(device, blending)
-    changes = wp.zeros(bins.pair_count if notes_changes(lanes) else 0, dtype=int, device=device)
+    changes = wp.zeros(bins.pair_count if lanes.owns_tile else 0, dtype=int, device=device)
     launch(
         forward_kernel(blending, lanes),
-        bins.columns * bins.rows * (TILE // lanes.region) ** 2,
+        bins.columns * bins.rows * lanes.per_tile**2,
         [bins.columns, width, height, bins.starts, bins.gaussians, *splats[:7]],
         [*outputs, changes],
         device=device,

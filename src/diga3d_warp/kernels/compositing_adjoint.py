@@ -18,38 +18,38 @@ import warp as wp
 from diga3d_warp.config import SPLATTING, TILE
 from diga3d_warp.kernels import ordering
 from diga3d_warp.kernels.binning import Bins
-from diga3d_warp.kernels.blending import Blending, Lanes, lanes_of, notes_changes, rules, total_function
+from diga3d_warp.kernels.blending import Blending, rules
+from diga3d_warp.kernels.cells import cells_of
 from diga3d_warp.kernels.gradient_rows import GEOMETRY, gather, gradient_row
+from diga3d_warp.kernels.lanes import (
+    AHEAD,
+    Lanes,
+    fetch_function,
+    lanes_of,
+    lowest_bit,
+    reached_function,
+    total_function,
+)
 from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.precision import types_of
-
-
-@wp.func_native("""
-#ifdef __CUDA_ARCH__
-return __ffs(bits) - 1;
-#else
-return __builtin_ctz(bits);
-#endif
-""")
-def lowest_bit(bits: int) -> int: ...
 
 
 @cache
 def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
     """Gradient rows of all pairs, from the gradients of the images."""
-    width, height = lanes.block_width, lanes.block_height
-    across, down = lanes.region // width, lanes.region // height
-    blocks, size = across * down, width * height
-    per_tile = TILE // lanes.region
-    notes = notes_changes(lanes)
-    shared = per_tile > 1
+    width, height, across = lanes.block_width, lanes.block_height, lanes.across
+    blocks, size, per_tile = lanes.blocks, lanes.size, lanes.per_tile
+    notes = lanes.owns_tile
     real, count = blending.real, blending.features
     alpha_max = SPLATTING.alpha_max
     vec2, vec3, *_ = types_of(real)
     vec = wp.types.vector(size, real)
-    ints = wp.types.vector(size, int)
+    read, write, *_ = cells_of(vec)
     row_of = gradient_row(blending)
-    unit, response, clipped, survives, features, block_range = rules(blending)
+    claim_row = cells_of(row_of).claim
+    unit, response, clipped, survives, features = rules(blending)
+    reached = reached_function(blending, lanes)
+    fetch = fetch_function(blending)
     total = total_function(size, real)
 
     @wp.kernel(module="unique", module_options=OPTIONS)
@@ -60,6 +60,7 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
         image_height: int,
         starts: wp.array(dtype=int),
         gaussians: wp.array(dtype=int),
+        emissions: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
         roots: wp.array(dtype=vec3),
@@ -90,11 +91,9 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
         R = wp.zeros(shape=wp.static(blocks), dtype=vec)
         g = wp.zeros(shape=wp.static(count * blocks), dtype=vec)
         g_median = wp.zeros(shape=wp.static(blocks if blending.median else 1), dtype=vec)
-        live = wp.zeros(shape=wp.static(blocks), dtype=ints)
         inside = int(0)
         for block in range(wp.static(blocks)):
-            T[block] = vec(real(1.0))
-            live[block] = ints(1)
+            write(T, block, vec(real(1.0)))
             R_b = vec(real(0.0))
             for q in range(size):
                 x = x0 + (block % across) * width + q % width
@@ -111,18 +110,23 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
                     for k in range(count):
                         g[k * blocks + block][q] = adj[k]
                     inside = 1
-            R[block] = R_b
+            write(R, block, R_b)
 
-        for j in range(starts[tile], starts[tile + 1]):
+        last = starts[tile + 1] - 1
+        for j in range(starts[tile], last + 1):
             i = gaussians[j]
+            emission = emissions[j]
             remaining = inside
             if wp.static(notes):
+                ahead = wp.min(j + AHEAD, last)
+                fetch(gaussians[ahead], centers, extents, roots, opacities, colors)
+                claim_row(gradients, emissions[ahead])
                 remaining = changes[j]
             else:
-                box = block_range(centers[i], extents[i], x0, y0, width, height)
-                if box[0] >= box[1] or box[2] >= box[3]:
-                    remaining = 0
+                remaining = inside & reached(i, centers, extents, roots, x0, y0)
             if remaining == 0:
+                if wp.static(notes):
+                    gradients[emission] = row_of(real(0.0))
                 continue
             center = centers[i]
             extent = extents[i]
@@ -143,16 +147,14 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
             while remaining != 0:
                 block = lowest_bit(remaining)
                 remaining = remaining & (remaining - 1)
-                bx = block % across
-                by = block // across
-                bgx = gx - real(bx * width)
-                bgy = gy - real(by * height)
-                T_b = T[block]
-                R_b = R[block]
-                live_b = live[block]
+                bgx = gx - real((block % across) * width)
+                bgy = gy - real((block // across) * height)
+                T_b = read(T, block)
+                R_b = read(R, block)
+                left = vec(real(0.0))
                 along = vec(real(0.0))
                 for k in range(count):
-                    along = along + g[wp.static(k * blocks) + block] * value[k]
+                    along = along + read(g, wp.static(k * blocks) + block) * value[k]
                 weight = vec(real(0.0))
                 any_live = int(0)
                 for q in range(size):
@@ -161,8 +163,8 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
                     raw = response(opacity, scaled, dx, dy, extent)
                     alpha = clipped(raw)
                     w = alpha * T_b[q]
-                    alive = survives(T_b[q] - w, live_b[q])
-                    live_b[q] = alive
+                    alive = survives(T_b[q] - w, 1)
+                    left[q] = wp.where(alive > 0, T_b[q] - w, -wp.abs(T_b[q]))
                     w = wp.where(alive > 0, w, real(0.0))
                     weight[q] = w
                     behind = R_b[q] - w * along[q]
@@ -179,16 +181,15 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
                     sum_yy[q] = sum_yy[q] + g_power * dy * dy
                     any_live = any_live | alive
                 for k in range(count):
-                    sums[k] = sums[k] + wp.cw_mul(weight, g[wp.static(k * blocks) + block])
+                    write(sums, k, read(sums, k) + wp.cw_mul(weight, read(g, wp.static(k * blocks) + block)))
                 if wp.static(blending.median):
                     g_b = g_median[block]
                     for q in range(size):
                         here = wp.where(T_b[q] >= real(0.5), g_b[q], real(0.0))
                         here = wp.where(T_b[q] - weight[q] < real(0.5), here, real(0.0))
                         sum_median[q] = sum_median[q] + here
-                T[block] = T_b - weight
-                R[block] = R_b
-                live[block] = live_b
+                write(T, block, left)
+                write(R, block, R_b)
                 if wp.static(not notes):
                     inside = any_live
 
@@ -204,13 +205,13 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
             row[4] = -root[2] * total(sum_yy)
             row[5] = total(sum_p) / opacity
             for k in range(count):
-                row[GEOMETRY + k] = total(sums[k])
+                row[GEOMETRY + k] = total(read(sums, k))
             if wp.static(blending.median):
                 row[wp.static(GEOMETRY + count)] = total(sum_median)
-            if wp.static(shared):
-                wp.atomic_add(gradients, j, row)
+            if wp.static(notes):
+                gradients[emission] = row
             else:
-                gradients[j] = row
+                wp.atomic_add(gradients, emission, row)
 
     return composite_adjoint
 
@@ -233,16 +234,19 @@ def composite_adjoint(
         return
     device = bins.starts.device
     lanes = lanes_of(device, blending)
-    rows = wp.zeros(bins.pair_count, dtype=gradient_row(blending), device=device)
+    rows = (wp.empty if lanes.owns_tile else wp.zeros)(
+        bins.pair_count, dtype=gradient_row(blending), device=device
+    )
     launch(
         adjoint_kernel(blending, lanes),
-        bins.columns * bins.rows * (TILE // lanes.region) ** 2,
+        bins.columns * bins.rows * lanes.per_tile**2,
         [
             bins.columns,
             width,
             height,
             bins.starts,
             bins.gaussians,
+            bins.emissions,
             *splats[:7],
             *outputs[:4],
             changes,

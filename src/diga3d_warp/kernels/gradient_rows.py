@@ -37,9 +37,7 @@ def gather_kernel(blending: Blending) -> wp.Kernel:
     @wp.kernel(module="unique", module_options=OPTIONS)
     def gather_gradients(
         offset: int,
-        order: wp.array(dtype=int),
         first: wp.array(dtype=int),
-        slots: wp.array(dtype=int),
         gradients: wp.array(dtype=row_of),
         # outputs
         adj_centers: wp.array(dtype=vec2),
@@ -49,11 +47,10 @@ def gather_kernel(blending: Blending) -> wp.Kernel:
         adj_depths: wp.array(dtype=real),
         adj_normals: wp.array(dtype=vec3),
     ):
-        k = wp.tid() + offset
+        i = wp.tid() + offset
         row = row_of(real(0.0))
-        for emission in range(first[k], first[k + 1]):
-            row = row + gradients[slots[emission]]
-        i = order[k]
+        for emission in range(first[i], first[i + 1]):
+            row = row + gradients[emission]
         adj_centers[i] = adj_centers[i] + vec2(row[0], row[1])
         adj_roots[i] = adj_roots[i] + vec3(row[2], row[3], row[4])
         adj_opacities[i] = adj_opacities[i] + row[5]
@@ -73,6 +70,6 @@ def gather_kernel(blending: Blending) -> wp.Kernel:
 def gather(bins: Bins, rows: wp.array, adj_splats: list, blending: Blending) -> None:
     """Add all rows to the gradients of centers, roots, opacities, colors, depths and normals."""
     launch(
-        gather_kernel(blending), bins.order.shape[0], [bins.order, bins.first, bins.slots, rows], adj_splats,
+        gather_kernel(blending), bins.first.shape[0] - 1, [bins.first, rows], adj_splats,
         device=rows.device, work=2,
     )  # fmt: skip

@@ -99,7 +99,7 @@ def ordered_kernel(blending: Blending) -> wp.Kernel:
     real = blending.real
     vec2, vec3, *_ = types_of(real)
     values = wp.types.vector(length=blending.features, dtype=real)
-    _, _, clipped, survives, features, _ = rules(blending)
+    _, _, clipped, survives, features = rules(blending)
     nearest = nearest_function(blending)
 
     @wp.kernel(module="unique", module_options=OPTIONS)
@@ -178,7 +178,7 @@ def ordered_adjoint_kernel(blending: Blending, region: int) -> wp.Kernel:
     real = blending.real
     vec2, vec3, *_ = types_of(real)
     row_of = gradient_row(blending)
-    _, _, clipped, survives, features, _ = rules(blending)
+    _, _, clipped, survives, features = rules(blending)
     nearest = nearest_function(blending)
     count = blending.features
     per_tile = TILE // region
@@ -192,6 +192,7 @@ def ordered_adjoint_kernel(blending: Blending, region: int) -> wp.Kernel:
         height: int,
         starts: wp.array(dtype=int),
         gaussians: wp.array(dtype=int),
+        emissions: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
         roots: wp.array(dtype=vec3),
@@ -271,7 +272,7 @@ def ordered_adjoint_kernel(blending: Blending, region: int) -> wp.Kernel:
                                     if wp.static(blending.median):
                                         if through >= real(0.5) and through - w < real(0.5):
                                             row[GEOMETRY + count] = adj_median_depth[index]
-                                    wp.atomic_add(gradients, js[s], row)
+                                    wp.atomic_add(gradients, emissions[js[s]], row)
                                     through -= w
 
     return composite_ordered_adjoint
@@ -296,7 +297,10 @@ def composite_adjoint(
     rows = wp.zeros(bins.pair_count, dtype=gradient_row(blending), device=device)
     launch(
         ordered_adjoint_kernel(blending, region), bins.columns * bins.rows * (TILE // region) ** 2,
-        [bins.columns, width, height, bins.starts, bins.gaussians, *splats, *outputs[:4], *adj_outputs],
+        [
+            bins.columns, width, height, bins.starts, bins.gaussians, bins.emissions, *splats, *outputs[:4],
+            *adj_outputs,
+        ],
         [rows], device=device, work=100, uneven=True,
     )  # fmt: skip
     gather(bins, rows, adj_splats, blending)

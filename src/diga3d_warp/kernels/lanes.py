@@ -1,0 +1,199 @@
+"""Lanes: how pixels are dealt to threads, and which of them a gaussian reaches.
+
+A thread owns a region of pixels, cut into blocks whose pixels are blended side by side in vector lanes: on
+CPU a tile of 4 x 4 px blocks, on CUDA one pixel.
+
+Invariants
+- Blocks are numbered row by row; a set of blocks is the bits of an integer.
+- A block that holds a pixel where alpha reaches `alpha_min` is reached, whatever rounding does.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from diga3d_warp.config import TILE
+from diga3d_warp.kernels.blending import Blending
+from diga3d_warp.kernels.cells import cells_of
+from diga3d_warp.kernels.precision import types_of
+
+AHEAD = 4
+"""Pairs by which a thread asks for the next gaussians' values: one to two hundred nanoseconds, what a line
+takes from memory. 2 and 8 are as fast within noise; without, a million gaussians take twice the time."""
+
+MARGIN = 2.0**-6
+"""Distance that a block's edge is moved outwards [px]. Offsets up to 1e5 px round by less."""
+
+ROUNDING = 2.0**-20
+"""Share of an offset by which the edge is moved too: rounding of offsets beyond that."""
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """How pixels are dealt to threads: side of a thread's region and of a lane block [px]."""
+
+    region: int
+    block_width: int
+    block_height: int
+
+    @property
+    def across(self) -> int:
+        """Blocks in a row of the region."""
+        return self.region // self.block_width
+
+    @property
+    def blocks(self) -> int:
+        """Blocks of the region."""
+        return self.across * (self.region // self.block_height)
+
+    @property
+    def size(self) -> int:
+        """Pixels of a block."""
+        return self.block_width * self.block_height
+
+    @property
+    def per_tile(self) -> int:
+        """Regions along a side of a tile."""
+        return TILE // self.region
+
+    @property
+    def owns_tile(self) -> bool:
+        """Whether one thread sees all that a pair of tile and gaussian does."""
+        return self.region == TILE
+
+
+CPU_LANES = Lanes(region=TILE, block_width=4, block_height=4)
+"""16 lanes fill one AVX-512 register; a 4 x 4 block follows the shape of a splat better than a 16 x 1 row."""
+
+CUDA_LANES = Lanes(region=1, block_width=1, block_height=1)
+
+
+def lanes_of(device: wp.Device, blending: Blending) -> Lanes:
+    return CPU_LANES if device.is_cpu or blending.deterministic else CUDA_LANES
+
+
+LOWEST_BIT = """
+#ifdef __CUDA_ARCH__
+return __ffs(bits) - 1;
+#else
+return __builtin_ctz(bits);
+#endif
+"""
+
+
+@wp.func_native(LOWEST_BIT)
+def lowest_bit(bits: int) -> int: ...
+
+
+@cache
+def reached_function(blending: Blending, lanes: Lanes) -> Any:
+    """Warp function: blocks of the region at pixel (x, y) that a gaussian reaches.
+
+    With (u, v) the offset from a pixel to the centre in standard deviations, as in `Rules.response`, the
+    smallest |u| and |v| of a block are found apart: their squares sum to less than the smallest u^2 + v^2, so
+    no block is lost. On the garden scene 2 % more are kept than hold a pixel of the ellipse; the box alone
+    keeps 50 % more.
+    """
+    real = blending.real
+    vec2, vec3, *_ = types_of(real)
+    width, height, across, blocks = lanes.block_width, lanes.block_height, lanes.across, lanes.blocks
+
+    @wp.func
+    def reached(
+        i: int,
+        centers: wp.array(dtype=vec2),
+        extents: wp.array(dtype=vec2),
+        roots: wp.array(dtype=vec3),
+        x: int,
+        y: int,
+    ) -> int:
+        center = centers[i]
+        extent = extents[i]
+        root = roots[i]
+        # From the middle of the first block to the centre, and from a block's middle to its outermost pixels.
+        gx = center[0] - real(x) - real(wp.static(0.5 * width))
+        gy = center[1] - real(y) - real(wp.static(0.5 * height))
+        margin = real(wp.static(MARGIN)) + real(wp.static(ROUNDING)) * (wp.abs(gx) + wp.abs(gy))
+        half_x = real(wp.static(0.5 * (width - 1))) + margin
+        half_y = real(wp.static(0.5 * (height - 1))) + margin
+        half_u = root[0] * half_x + wp.abs(root[1]) * half_y
+        half_v = root[2] * half_y
+        reach = extent[1] * root[2]  # the box's height is that many standard deviations
+        bits = int(0)
+        for block in range(blocks):
+            dx = gx - real((block % across) * width)
+            dy = gy - real((block // across) * height)
+            near = wp.where(wp.abs(dx) <= extent[0] + half_x, 1, 0)
+            near = near & wp.where(wp.abs(dy) <= extent[1] + half_y, 1, 0)
+            if wp.static(not blending.boxed):
+                u = wp.abs(root[0] * dx + root[1] * dy) - half_u
+                v = wp.abs(root[2] * dy) - half_v
+                u = wp.where(u > real(0.0), u, real(0.0))
+                v = wp.where(v > real(0.0), v, real(0.0))
+                near = near & wp.where(u * u + v * v <= reach * reach, 1, 0)
+            bits = bits | (near << block)
+        return bits
+
+    return reached
+
+
+@cache
+def fetch_function(blending: Blending) -> Any:
+    """Warp function: ask for what blending reads of a gaussian, before it is used."""
+    real = blending.real
+    vec2, vec3, *_ = types_of(real)
+    fetch_vec2, fetch_vec3, fetch_real = (cells_of(dtype).fetch for dtype in (vec2, vec3, real))
+
+    @wp.func
+    def fetch(
+        i: int,
+        centers: wp.array(dtype=vec2),
+        extents: wp.array(dtype=vec2),
+        roots: wp.array(dtype=vec3),
+        opacities: wp.array(dtype=real),
+        colors: wp.array(dtype=vec3),
+    ):
+        fetch_vec2(centers, i)
+        fetch_vec2(extents, i)
+        fetch_vec3(roots, i)
+        fetch_real(opacities, i)
+        fetch_vec3(colors, i)
+
+    return fetch
+
+
+@cache
+def total_function(size: int, real: Any) -> Any:
+    """Warp function: the sum over `size` lanes.
+
+    Written as a loop, or as a tree, it is compiled to one addition after the other; as vectors that are
+    folded in half, to two instructions a fold.
+    """
+    vec = wp.types.vector(size, real)
+    scalar = {wp.float32: "float", wp.float64: "double"}[real]
+    folds = []
+    half = size // 2
+    while half > 0:
+        folded = ", ".join(str((lane + half) % size) for lane in range(size))
+        folds.append(f"sums += __builtin_shufflevector(sums, sums, {folded});")
+        half //= 2
+    snippet = f"""
+#ifdef __CUDA_ARCH__
+{scalar} sum = lanes[0];
+for (int q = 1; q < {size}; ++q) sum += lanes[q];
+return sum;
+#else
+typedef {scalar} Vector __attribute__((vector_size({size} * sizeof({scalar}))));
+Vector sums;
+__builtin_memcpy(&sums, &lanes, sizeof(sums));
+{" ".join(folds)}
+return sums[0];
+#endif
+"""
+
+    @wp.func_native(snippet)
+    def total(lanes: vec) -> real: ...
+
+    return total
