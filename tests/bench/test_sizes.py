@@ -3,7 +3,7 @@
 import pytest
 
 from diga3d_warp.bench import sizes
-from diga3d_warp.bench.sizes import Size, bench_sizes, growth_table, run_size
+from diga3d_warp.bench.sizes import Series, Size, bench_sizes, growth_table, memory_table, run_size
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.images import read_image
 
@@ -26,25 +26,32 @@ def made_up(count: int, width: int, height: int, slower: float = 1.0) -> Size:
 
 
 def test_growth_is_judged_and_memory_is_that_of_one_more():
-    by_count = [made_up(count, 648, 420) for count in (10_000, 120_000, 1_000_000)]
+    by_count = [made_up(10_000, 648, 420), made_up(1_000_000, 648, 420, slower=0.8)]
     by_image = [made_up(120_000, 384, 260), made_up(120_000, 1760, 1136, slower=1.5)]
-    rows = {row[0]: row[1:] for row in growth_table(by_count, by_image).rows}
-    assert rows["rasterising grows no faster than listed pairs, by gaussians"][1] == "met"
-    assert rows["rasterising grows no faster than listed pairs, by pixels"][1] == "missed"
-    gaussian = int(rows["memory of one more gaussian"][0].removesuffix(" bytes"))
-    pixel = int(rows["memory of one more pixel, with the pairs it brings"][0].removesuffix(" bytes"))
+    series = [Series("by gaussians", by_count), Series("slower", by_image), Series("by pixels", by_image)]
+    rows = {row[0]: row[1:] for row in growth_table(series).rows}
+    assert rows["by gaussians"] == ("80.00", "100.00", "100.00", "met")
+    assert rows["slower"] == ("30.04", "20.03", "20.03", "missed")
+    gaussian, pixel = (int(row[1]) for row in memory_table(series).rows)
     assert gaussian == pytest.approx(1000, rel=0.01)
     assert pixel == pytest.approx(50, rel=0.02)
 
 
 def test_page_and_plot_of_all_sizes(monkeypatch, tmp_path):
-    monkeypatch.setattr(sizes, "run_size", lambda count, width, height, _: made_up(count, width, height))
+    asked = []
+
+    def run(count: int, width: int, height: int, repeats: int) -> Size:
+        asked.append((count, width, height))
+        return made_up(count, width, height)
+
+    monkeypatch.setattr(sizes, "run_size", run)
     tables = bench_sizes(tmp_path, 3)
-    assert [len(table.rows) for table in tables] == [5, 4, 4]
+    assert [len(table.rows) for table in tables] == [5, 4, 4, 3, 2]
+    assert len(asked) == len(set(asked)) == 11
     text = (tmp_path / "sizes.md").read_text()
     assert f"`diga3d bench kernels --sizes --repeats 3 --out {tmp_path}`" in text
     assert "| 1,000,000 | 648 x 420 | 816.5 | 408.2 | 816 | 82 | 1 | 1.00 | 2.00 |" in text
-    assert "| 120,000 | 1760 x 1136 |" in text
+    assert "| 120,000 | 1760 x 1136 |" in text and "| 881,552 | 1760 x 1136 |" in text
     assert read_image(tmp_path / "sizes.png").std() > 15
 
 
