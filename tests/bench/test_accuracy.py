@@ -9,7 +9,7 @@ from diga3d_warp.bench.accuracy import measure as measurement
 from diga3d_warp.bench.accuracy import page as accuracy_page
 from diga3d_warp.bench.accuracy.knobs import KNOBS, PRESETS, STANDARD, Way, ways
 from diga3d_warp.bench.accuracy.measure import error, measure, pareto_front, rendered
-from diga3d_warp.bench.accuracy.page import bench_accuracy, knob_table
+from diga3d_warp.bench.accuracy.page import bench_accuracy, draw, knob_table
 from diga3d_warp.bench.accuracy.reprojection import reprojection_table
 from diga3d_warp.bench.accuracy.scenes import SIZE, Subject, captured, middle, subjects
 from diga3d_warp.bench.garden import Garden
@@ -167,3 +167,12 @@ def test_samplings_of_a_reprojection():
     assert missing["nearest"] > 10.0 > missing["bilinear"], "points part where the camera comes nearer"
     assert all(float(cells[5]) > 20.0 for cells in rows.values()), "like the view itself"
     assert rows["bilinear"][8] == "1.00"
+
+
+def test_a_knob_that_makes_no_difference_is_drawn_all_the_same(tmp_path):
+    """As the degree of the harmonics on a matte splat, which has none above 0."""
+    gaussians = TINY.gaussians()
+    matte = replace(gaussians, sh=gaussians.sh[:, :1])
+    results = {"matte": measure(Subject("matte", matte, TINY.camera), ways(), 1)}
+    draw(tmp_path / "accuracy.png", results)
+    assert read_image(tmp_path / "accuracy.png").std() > 15

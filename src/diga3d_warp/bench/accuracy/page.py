@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import geometric_mean
 
@@ -115,6 +115,9 @@ def scene_table(subject: Subject, found: Mapping[Way, Found], names: Mapping[Way
     return Table(title, ["", *HEADS, "forward [ms]", "backward [ms]", "times", "front"], rows)
 
 
+LEAST_ERROR = 1e-9
+"""Root mean square error of colour that stands for none, which has no logarithm; float32 rounds by more."""
+
 HEADS = ("PSNR [dB]", "max", "mean", "gradient")
 
 
@@ -145,7 +148,7 @@ def _points(results: Results) -> list[tuple[float, float]]:
     return [
         (
             geometric_mean(ratios(found, way)[2] for found in results.values()),
-            geometric_mean(found[way].error.root_mean_square for found in results.values()),
+            _mean_error(found[way].error for found in results.values()),
         )
         for way in _ways_of(results)
     ]
@@ -181,4 +184,9 @@ def draw(path: Path, results: Results) -> None:
 
 def _own_error(results: Results, way: Way, exact: Way) -> float:
     """Root mean square difference that one knob makes, geometric mean over the scenes."""
-    return geometric_mean(error(each[way], each[exact]).root_mean_square for each in results.values())
+    return _mean_error(error(each[way], each[exact]) for each in results.values())
+
+
+def _mean_error(errors: Iterable[Error]) -> float:
+    """Geometric mean of root mean square errors, where none at all counts as the least that is drawn."""
+    return geometric_mean(max(each.root_mean_square, LEAST_ERROR) for each in errors)
