@@ -24,10 +24,14 @@ from random_diffusion import CROSS, WIDTH, random_prior, unet_config  # noqa: E4
 
 from diga3d_warp.files import write_text  # noqa: E402
 from diga3d_warp.priors.attention import AttentionBank  # noqa: E402
-from diga3d_warp.priors.guidance import Guidance  # noqa: E402
+from diga3d_warp.priors.conditioning import (  # noqa: E402
+    Conditioning,
+    Guidance,
+    Prompts,
+)
 from diga3d_warp.priors.plan import plan_sampling  # noqa: E402
-from diga3d_warp.priors.protocol import Conditioning, Prompts  # noqa: E402
-from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, sample_views  # noqa: E402
+from diga3d_warp.priors.sampling import ViewLatents, sample_views  # noqa: E402
+from diga3d_warp.priors.settings import SamplingSettings  # noqa: E402
 from diga3d_warp.priors.stable_diffusion import processor  # noqa: E402
 
 COUNTS = (1, 3, 5)

@@ -2,7 +2,7 @@
 
 import torch
 
-from diga3d_warp.priors.protocol import Prompts
+from diga3d_warp.priors.conditioning import Prompts
 from diga3d_warp.priors.schedule import Schedule
 from diga3d_warp.priors.stable_diffusion.model import Parts, StableDiffusionPrior
 from diga3d_warp.priors.stable_diffusion.text import TextEncoder

@@ -18,18 +18,19 @@ import torch  # noqa: E402
 from random_diffusion import CROSS, WIDTH, random_prior  # noqa: E402
 
 from diga3d_warp.files import write_text  # noqa: E402
-from diga3d_warp.priors.distillation import distillation_loss  # noqa: E402
-from diga3d_warp.priors.guidance import Guidance  # noqa: E402
-from diga3d_warp.priors.plan import plan_sampling  # noqa: E402
-from diga3d_warp.priors.protocol import (  # noqa: E402
+from diga3d_warp.priors.conditioning import (  # noqa: E402
     DEPTH_SCALE,
     EDGES_SCALE,
     Conditioning,
     Control,
-    DiffusionPrior,
+    Guidance,
     Prompts,
 )
-from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, sample_views  # noqa: E402
+from diga3d_warp.priors.distillation import distillation_loss  # noqa: E402
+from diga3d_warp.priors.plan import plan_sampling  # noqa: E402
+from diga3d_warp.priors.protocol import DiffusionPrior  # noqa: E402
+from diga3d_warp.priors.sampling import ViewLatents, sample_views  # noqa: E402
+from diga3d_warp.priors.settings import SamplingSettings  # noqa: E402
 
 PAPER = {1: 41, 2: 46, 3: 47}
 """Memory that the paper reports for its training [GB]."""

@@ -7,7 +7,7 @@ for it, so that the loops can be checked without weights.
 import torch
 import torch.nn.functional as F
 
-from diga3d_warp.priors.protocol import Conditioning, Prompts
+from diga3d_warp.priors.conditioning import Conditioning, Prompts
 from diga3d_warp.priors.schedule import Schedule
 
 

@@ -7,8 +7,8 @@ import pytest
 from ball import ball_sight, ring
 
 from diga3d_warp.objects.diffusion_repaint import DiffusionRepainter
-from diga3d_warp.priors.guidance import Guidance
-from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.conditioning import Guidance
+from diga3d_warp.priors.settings import SamplingSettings
 from tiny_diffusion import write_checkpoint
 
 SETTINGS = SamplingSettings(steps=2, batch=2)

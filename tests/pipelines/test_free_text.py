@@ -28,7 +28,7 @@ from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retextu
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.stages import picture as picture_of
 from diga3d_warp.priors.named import load_prior
-from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.propagation.references import References
 from tiny_diffusion import write_checkpoint
 

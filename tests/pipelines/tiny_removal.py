@@ -11,7 +11,7 @@ import numpy as np
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.pipelines.method import PAPER
 from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveResult, RemoveSettings
-from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.scene.scene import Scene
 
 SETTINGS = RemoveSettings(

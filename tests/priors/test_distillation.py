@@ -4,14 +4,14 @@ import pytest
 import torch
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.priors.conditioning import Control, Guidance, Prompts
 from diga3d_warp.priors.distillation import (
     DistillationSettings,
     TextureGeometryGuide,
     distillation_loss,
     distillation_timestep,
 )
-from diga3d_warp.priors.guidance import Guidance, guided_noise
-from diga3d_warp.priors.protocol import Control, Prompts
+from diga3d_warp.priors.guidance import guided_noise
 from diga3d_warp.priors.schedule import Schedule
 from gaussian_prior import GaussianPrior
 

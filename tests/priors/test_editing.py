@@ -4,10 +4,9 @@ import pytest
 import torch
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.priors.conditioning import Guidance, Prompts
 from diga3d_warp.priors.editing import edit_views
-from diga3d_warp.priors.guidance import Guidance
-from diga3d_warp.priors.protocol import Prompts
-from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.priors.views import ViewControl
 from gaussian_prior import GaussianPrior
 

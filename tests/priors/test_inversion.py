@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from diga3d_warp.priors.guidance import Guidance
+from diga3d_warp.priors.conditioning import Conditioning, Guidance, Prompts
 from diga3d_warp.priors.inversion import invert
-from diga3d_warp.priors.protocol import Conditioning, Prompts
-from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, sample_views
+from diga3d_warp.priors.sampling import ViewLatents, sample_views
+from diga3d_warp.priors.settings import SamplingSettings
 from gaussian_prior import GaussianPrior
 from tiny_diffusion import NOISE_LEVELS
 

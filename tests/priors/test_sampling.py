@@ -5,10 +5,11 @@ import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.attention import AttentionBank
-from diga3d_warp.priors.guidance import Guidance, guided_noise
+from diga3d_warp.priors.conditioning import Conditioning, Control, Guidance, Prompts
+from diga3d_warp.priors.guidance import guided_noise
 from diga3d_warp.priors.plan import plan_sampling
-from diga3d_warp.priors.protocol import Conditioning, Control, Prompts
-from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, initial_noise, sample_views
+from diga3d_warp.priors.sampling import ViewLatents, initial_noise, sample_views
+from diga3d_warp.priors.settings import SamplingSettings
 from gaussian_prior import GaussianPrior
 
 PLAIN = Guidance(Prompts(0.4, 0.0), scale=1.0)

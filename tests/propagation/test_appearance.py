@@ -10,7 +10,7 @@ import torch
 from test_fill import CAMERAS, background, floor_color, floor_points
 
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
-from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.propagation.appearance import propagate_appearance
 from diga3d_warp.propagation.fill import Fill, carry
 from diga3d_warp.propagation.references import References

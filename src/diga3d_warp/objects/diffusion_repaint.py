@@ -10,10 +10,10 @@ import torch
 from diga3d_warp.objects.surface import Sight
 from diga3d_warp.perception.depth import depth_control
 from diga3d_warp.perception.edges import canny_edges
+from diga3d_warp.priors.conditioning import DEPTH_SCALE, EDGES_SCALE, Guidance
 from diga3d_warp.priors.editing import edit_views
-from diga3d_warp.priors.guidance import Guidance
-from diga3d_warp.priors.protocol import DEPTH_SCALE, EDGES_SCALE, DiffusionPrior
-from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.protocol import DiffusionPrior
+from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.priors.views import ViewControl
 
 

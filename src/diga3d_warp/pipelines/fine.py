@@ -14,8 +14,8 @@ from diga3d_warp.gaussians.fit import FitSettings, Target, fit
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.run import Run
+from diga3d_warp.priors.conditioning import Guidance
 from diga3d_warp.priors.distillation import DistillationSettings, TextureGeometryGuide
-from diga3d_warp.priors.guidance import Guidance
 from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.propagation.conditions import texture_geometry
 from diga3d_warp.propagation.references import References

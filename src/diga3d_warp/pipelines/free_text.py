@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.pipelines.method import PAPER, Choices, Method
-from diga3d_warp.priors.guidance import Guidance
+from diga3d_warp.priors.conditioning import Guidance
 from diga3d_warp.priors.named import BUILT_IN
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior, Task
-from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.settings import SamplingSettings
 
 
 @dataclass(frozen=True, eq=False)

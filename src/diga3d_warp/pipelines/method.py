@@ -7,10 +7,11 @@ from typing import Any, Literal
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.attention import AFP_WEIGHT
+from diga3d_warp.priors.conditioning import ControlKind
 from diga3d_warp.priors.distillation import DistillationSettings
 from diga3d_warp.priors.named import load_prior
-from diga3d_warp.priors.protocol import ControlKind, DiffusionPrior, Prior, Task
-from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.protocol import DiffusionPrior, Prior, Task
+from diga3d_warp.priors.settings import SamplingSettings
 
 Propagation = Literal["attention", "warp", "none"]
 

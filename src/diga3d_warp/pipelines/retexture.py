@@ -38,8 +38,9 @@ from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, read_marks
 from diga3d_warp.pipelines.method import CARRIED, Choices, Method
 from diga3d_warp.pipelines.remove import DISTIL
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
+from diga3d_warp.priors.conditioning import ControlKind
 from diga3d_warp.priors.named import load_prior
-from diga3d_warp.priors.protocol import ControlKind, DiffusionPrior
+from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene
 

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import torch
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.priors.guidance import Guidance, guided_noise
-from diga3d_warp.priors.protocol import Control, DiffusionPrior
+from diga3d_warp.priors.conditioning import Control, Guidance
+from diga3d_warp.priors.guidance import guided_noise
+from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.priors.schedule import Schedule
 from diga3d_warp.priors.views import resize_images, resize_masks
 

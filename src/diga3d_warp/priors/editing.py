@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import torch
 
-from diga3d_warp.priors.guidance import Guidance
+from diga3d_warp.priors.conditioning import Guidance
 from diga3d_warp.priors.protocol import DiffusionPrior
-from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.priors.views import ViewControl, inpaint_views
 from diga3d_warp.priors.windows import Windows
 

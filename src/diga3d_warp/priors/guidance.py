@@ -4,33 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import torch
 
-from diga3d_warp.priors.protocol import Conditioning, Control, DiffusionPrior, Prompts
-
-GUIDANCE = 7.5
-"""Guidance scale (paper, appendix)."""
+from diga3d_warp.priors.conditioning import Conditioning, Control, Guidance
+from diga3d_warp.priors.protocol import DiffusionPrior
 
 Half = Literal["negative", "positive"]
-
-
-@dataclass(frozen=True)
-class Guidance:
-    """What an image shall show, and how strongly.
-
-    Attributes:
-        prompts: Tp and Tn, from `DiffusionPrior.encode_prompts`.
-        scale: Guidance scale [1]; at 1 the negative prompt does nothing and costs nothing.
-        image_embeds: The image that the result should look like, from `DiffusionPrior.embed_images`. Only the
-            positive half sees it, so that guidance also pulls towards it.
-    """
-
-    prompts: Prompts
-    scale: float = GUIDANCE
-    image_embeds: Any = None
 
 
 def guided_noise(

@@ -7,7 +7,8 @@ from typing import Any
 
 import torch
 
-from diga3d_warp.priors.protocol import Conditioning, Control, DiffusionPrior
+from diga3d_warp.priors.conditioning import Conditioning, Control
+from diga3d_warp.priors.protocol import DiffusionPrior
 
 
 @torch.no_grad()

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from diga3d_warp.priors.classical import ClassicalPrior
+from diga3d_warp.priors.conditioning import ControlKind
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
-from diga3d_warp.priors.protocol import ControlKind, Prior, Task
+from diga3d_warp.priors.protocol import Prior, Task
 
 BUILT_IN = ("exemplar", "classical")
 """Priors that need no weights."""

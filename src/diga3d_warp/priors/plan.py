@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import torch
 
 from diga3d_warp.priors.attention import AttentionBank
-from diga3d_warp.priors.guidance import Guidance
-from diga3d_warp.priors.protocol import Control, DiffusionPrior
-from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents
+from diga3d_warp.priors.conditioning import Control, Guidance
+from diga3d_warp.priors.protocol import DiffusionPrior
+from diga3d_warp.priors.sampling import ViewLatents
+from diga3d_warp.priors.settings import SamplingSettings
 
 
 @dataclass(frozen=True)

@@ -14,26 +14,11 @@ from dataclasses import dataclass, replace
 import torch
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.priors.attention import AFP_WEIGHT, AttentionBank
-from diga3d_warp.priors.guidance import Guidance, Half, guided_noise
-from diga3d_warp.priors.protocol import Conditioning, Control, DiffusionPrior
-
-
-@dataclass(frozen=True)
-class SamplingSettings:
-    """How views are sampled.
-
-    Attributes:
-        steps: DDIM steps from pure noise [1]. 20 to 50 are usual for inversion and sampling.
-        strength: Share of the way to pure noise at which sampling starts [1].
-        batch: Views that are estimated together. More need more memory and are faster on a GPU only.
-        afp_weight: lambda_a of Eq. 4; 0 leaves propagation out.
-    """
-
-    steps: int = 30
-    strength: float = 1.0
-    batch: int = 4
-    afp_weight: float = AFP_WEIGHT
+from diga3d_warp.priors.attention import AttentionBank
+from diga3d_warp.priors.conditioning import Conditioning, Control, Guidance
+from diga3d_warp.priors.guidance import Half, guided_noise
+from diga3d_warp.priors.protocol import DiffusionPrior
+from diga3d_warp.priors.settings import SamplingSettings
 
 
 @dataclass(frozen=True)

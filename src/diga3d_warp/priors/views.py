@@ -10,11 +10,12 @@ import torch
 import torch.nn.functional as F
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.priors.guidance import Guidance
+from diga3d_warp.priors.conditioning import Conditioning, Control, ControlKind, Guidance
 from diga3d_warp.priors.inversion import invert
 from diga3d_warp.priors.plan import plan_sampling
-from diga3d_warp.priors.protocol import Conditioning, Control, ControlKind, DiffusionPrior, check_fill
-from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, initial_noise, sample_views
+from diga3d_warp.priors.protocol import DiffusionPrior, check_fill
+from diga3d_warp.priors.sampling import ViewLatents, initial_noise, sample_views
+from diga3d_warp.priors.settings import SamplingSettings
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import torch
 
 from diga3d_warp.priors.classical import telea_fill
 from diga3d_warp.priors.protocol import DiffusionPrior
-from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.priors.views import inpaint_views
 from diga3d_warp.propagation.depth import complete_depth
 from diga3d_warp.propagation.fill import Fill

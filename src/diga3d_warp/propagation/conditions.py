@@ -11,7 +11,7 @@ import torch
 
 from diga3d_warp.perception.depth import depth_control
 from diga3d_warp.perception.edges import canny_edges
-from diga3d_warp.priors.protocol import DEPTH_SCALE, EDGES_SCALE, Control
+from diga3d_warp.priors.conditioning import DEPTH_SCALE, EDGES_SCALE, Control
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.reproject import reproject
 

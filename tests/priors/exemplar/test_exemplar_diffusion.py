@@ -7,13 +7,14 @@ from known_textures import HEIGHT, TEXTURES, WIDTH, error_db, hole, spoilt
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.attention import AttentionBank
 from diga3d_warp.priors.classical import telea_fill
+from diga3d_warp.priors.conditioning import Conditioning, Control, Guidance, Prompts
 from diga3d_warp.priors.distillation import distillation_loss
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.exemplar.prompts import OBJECT, SURROUNDINGS, PatchPrompt
-from diga3d_warp.priors.guidance import Guidance
 from diga3d_warp.priors.inversion import invert
-from diga3d_warp.priors.protocol import Conditioning, Control, DiffusionPrior, Prompts
-from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, initial_noise, sample_views
+from diga3d_warp.priors.protocol import DiffusionPrior
+from diga3d_warp.priors.sampling import ViewLatents, initial_noise, sample_views
+from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.priors.views import fill_one, inpaint_views
 
 REMOVE = Guidance(Prompts(SURROUNDINGS, SURROUNDINGS), scale=1.0)

@@ -3,9 +3,9 @@
 import pytest
 import torch
 
-from diga3d_warp.priors.guidance import Guidance
-from diga3d_warp.priors.protocol import Control
-from diga3d_warp.priors.sampling import SamplingSettings, ViewLatents, initial_noise, sample_views
+from diga3d_warp.priors.conditioning import Control, Guidance
+from diga3d_warp.priors.sampling import ViewLatents, initial_noise, sample_views
+from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.priors.stable_diffusion.load import load_stable_diffusion
 from tiny_diffusion import NOISE_LEVELS
 

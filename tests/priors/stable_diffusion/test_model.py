@@ -5,10 +5,9 @@ import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.attention import AttentionBank
+from diga3d_warp.priors.conditioning import Control, Guidance
 from diga3d_warp.priors.distillation import distillation_loss
-from diga3d_warp.priors.guidance import Guidance
-from diga3d_warp.priors.protocol import Control
-from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.priors.stable_diffusion.load import load_stable_diffusion
 
 

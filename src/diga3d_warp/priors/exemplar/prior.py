@@ -13,15 +13,15 @@ from torch.utils.weak import WeakTensorKeyDictionary
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.attention import AttentionBank
 from diga3d_warp.priors.classical import telea_fill
+from diga3d_warp.priors.conditioning import Conditioning, Control, ControlKind, Guidance, Prompts
 from diga3d_warp.priors.exemplar.denoiser import posterior_mean
 from diga3d_warp.priors.exemplar.fill import fill_missing
 from diga3d_warp.priors.exemplar.prompts import PatchPrompt, prompts_of
 from diga3d_warp.priors.exemplar.settings import FILL, PATCHES, FillSettings, PatchSettings
 from diga3d_warp.priors.exemplar.source import Source, depth_control, edge_control
-from diga3d_warp.priors.guidance import Guidance
-from diga3d_warp.priors.protocol import Conditioning, Control, ControlKind, Prompts, Task, check_fill
-from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.protocol import Task, check_fill
 from diga3d_warp.priors.schedule import Schedule
+from diga3d_warp.priors.settings import SamplingSettings
 
 PATCH_GUIDANCE = 1.2
 """Guidance scale of a negative prompt. Means over patches differ by more than a network's two estimates: at

@@ -9,7 +9,8 @@ import numpy as np
 import torch
 
 from diga3d_warp.materials.vocabulary import material_of, words_of
-from diga3d_warp.priors.protocol import Prompts, Task
+from diga3d_warp.priors.conditioning import Prompts
+from diga3d_warp.priors.protocol import Task
 
 EXEMPLAR_SIZE = 256
 """Side of a painted material [px]; it is as large as an object in a photograph, about."""

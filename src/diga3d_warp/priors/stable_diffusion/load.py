@@ -18,9 +18,10 @@ from diga3d_warp.checkpoints import (
     require_diffusion,
 )
 from diga3d_warp.errors import InputError
-from diga3d_warp.priors.protocol import ControlKind, Task
-from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.conditioning import ControlKind
+from diga3d_warp.priors.protocol import Task
 from diga3d_warp.priors.schedule import Schedule
+from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.priors.stable_diffusion.image_embedding import (
     ImageEncoder,
     attach_class_embedding,

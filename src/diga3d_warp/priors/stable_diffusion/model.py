@@ -11,10 +11,10 @@ import torch.nn.functional as F
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.attention import AttentionBank
-from diga3d_warp.priors.guidance import Guidance
-from diga3d_warp.priors.protocol import Conditioning, Control, ControlKind, Prompts, Task
-from diga3d_warp.priors.sampling import SamplingSettings
+from diga3d_warp.priors.conditioning import Conditioning, Control, ControlKind, Guidance, Prompts
+from diga3d_warp.priors.protocol import Task
 from diga3d_warp.priors.schedule import Schedule
+from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.priors.stable_diffusion import processor
 from diga3d_warp.priors.stable_diffusion.image_embedding import ImageEncoder
 from diga3d_warp.priors.stable_diffusion.text import TextEncoder, plain_prompts

@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.priors.protocol import Prompts, Task
+from diga3d_warp.priors.conditioning import Prompts
+from diga3d_warp.priors.protocol import Task
 from diga3d_warp.priors.stable_diffusion.text import TextEncoder
 
 TASK_WORDS = ("P_ctxt", "P_shape", "P_obj")

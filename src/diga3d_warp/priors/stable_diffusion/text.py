@@ -7,7 +7,8 @@ from typing import Any
 import torch
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.priors.protocol import Prompts, Task
+from diga3d_warp.priors.conditioning import Prompts
+from diga3d_warp.priors.protocol import Task
 
 
 class TextEncoder:

@@ -1,0 +1,24 @@
+"""How views are sampled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from diga3d_warp.priors.attention import AFP_WEIGHT
+
+
+@dataclass(frozen=True)
+class SamplingSettings:
+    """How views are sampled.
+
+    Attributes:
+        steps: DDIM steps from pure noise [1]. 20 to 50 are usual for inversion and sampling.
+        strength: Share of the way to pure noise at which sampling starts [1].
+        batch: Views that are estimated together. More need more memory and are faster on a GPU only.
+        afp_weight: lambda_a of Eq. 4; 0 leaves propagation out.
+    """
+
+    steps: int = 30
+    strength: float = 1.0
+    batch: int = 4
+    afp_weight: float = AFP_WEIGHT
