@@ -25,6 +25,7 @@ from diga3d_warp.kernels import (
     reprojection,
     ssim,
     texturing,
+    walk,
 )
 from diga3d_warp.kernels.projection import Projecting
 
@@ -66,6 +67,7 @@ KERNELS = {
     "patch_vote": lambda: patches.vote_kernel(patches.PatchForm(channels=4)),
     "raycast": lambda: raycast.nearest_hit_kernel,
     "texturing": lambda: texturing.hit_colors_kernel,
+    "walk": lambda: walk.walk_faint,
 }
 
 

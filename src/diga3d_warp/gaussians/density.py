@@ -13,9 +13,12 @@ import math
 from dataclasses import dataclass
 
 import torch
+import warp as wp
 
 from diga3d_warp.gaussians.optimiser import GaussianAdam
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.kernels import walk as kernels
+from diga3d_warp.splatting.arrays import vector_arrays, warp_array
 
 
 @dataclass(frozen=True)
@@ -105,22 +108,15 @@ def spread_out(gaussians: Gaussians, spread: float, generator: torch.Generator) 
 @torch.no_grad()
 def walk(optimiser: GaussianAdam, settings: DensitySettings, generator: torch.Generator, held=None) -> None:
     """Shake faint gaussians within their own shape (3DGS-MCMC Eq. 8), so that they find something to show."""
-    tensors = optimiser.tensors
-    opacities = torch.sigmoid(tensors["opacity_logits"])
-    faint = opacities < settings.noise_opacity_max
-    if held is not None:
-        faint &= ~held
-    rows = torch.nonzero(faint)[:, 0]
-    if len(rows) == 0:
-        return
-    gate = torch.sigmoid(settings.noise_steepness * ((1.0 - opacities[rows]) - settings.noise_threshold))
-    noise = (
-        torch.randn(len(rows), 3, generator=generator)
-        * (gate * settings.noise * optimiser.means_rate)[:, None]
-    )
-    factor = _rotations(tensors["quaternions"][rows]) * tensors["log_scales"][rows].exp()[:, None, :]
-    shaped = factor @ (factor.transpose(1, 2) @ noise[..., None])
-    tensors["means"][rows] += shaped[..., 0]
+    tensors = {name: tensor.detach() for name, tensor in optimiser.tensors.items()}
+    if held is None:
+        held = torch.zeros(len(tensors["means"]), dtype=torch.bool, device=tensors["means"].device)
+    shapes = vector_arrays([tensors[name] for name in ("log_scales", "quaternions", "opacity_logits")])
+    kernels.walk(
+        int(torch.randint(2**31 - 1, (), generator=generator)), shapes, warp_array(held, wp.bool),
+        settings.noise_opacity_max, settings.noise_steepness, settings.noise_threshold,
+        settings.noise * optimiser.means_rate, warp_array(tensors["means"], wp.vec3),
+    )  # fmt: skip
 
 
 def _rotations(quaternions: torch.Tensor) -> torch.Tensor:
