@@ -5,7 +5,8 @@ gradient.
 
 Invariants
 - Weights are those of compositing: the same rules in the same order.
-- Pixels beyond the image's border, which tiles reach over, count for nothing.
+- Pixels beyond the image's border, which tiles reach over, count for nothing: like finished ones they have a
+  negative transmittance.
 - Among equal weights the gaussian in front counts as stronger.
 - A pair belongs to one tile, which one thread of a CPU owns; rows of one gaussian are added in the order of
   its emissions.

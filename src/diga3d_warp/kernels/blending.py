@@ -1,4 +1,4 @@
-"""What every compositing kernel shares: cut-offs, the opacity of a gaussian in a pixel, pixels of a thread.
+"""What every compositing kernel shares: cut-offs, the opacity of a gaussian in a pixel, what is blended.
 
 A kernel is compiled for one `Blending`: what it does not ask for is not in the code.
 
