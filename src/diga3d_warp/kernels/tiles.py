@@ -1,8 +1,8 @@
 """Tiles of an image: which of them a gaussian's box touches, and the lists of gaussians by tile.
 
 Invariants
-- Whoever counts pairs of tiles and gaussians and whoever lists them call this one function, so every slot
-  that was counted is filled.
+- Whoever counts pairs of tiles and gaussians and whoever lists them take the same range, so every slot that
+  was counted is filled.
 - A box is clamped before its coordinates become integers: what lies far off wraps into no tile.
 - Pairs are numbered in 32 bits; of more of them none is written.
 """
