@@ -93,8 +93,8 @@ def reached_function(blending: Blending, lanes: Lanes) -> Any:
 
     With (u, v) the offset from a pixel to the centre in standard deviations, as in `Rules.response`, the
     smallest |u| and |v| of a block are found apart: their squares sum to less than the smallest u^2 + v^2, so
-    no block is lost, and few are kept in vain: less than a tenth, as its test demands. The box alone would keep
-    all that a slanted needle passes by.
+    no block is lost, and few are kept in vain: less than a tenth, as its test demands. The box alone would
+    keep all that a slanted needle passes by.
     """
     real = blending.real
     vec2, vec3, *_ = types_of(real)
