@@ -188,7 +188,7 @@ def _assemble(view: View, colors: np.ndarray, seen: np.ndarray, settings: Unseen
     import cv2
 
     mask = _mask(view)
-    scale = float(np.hypot(*mask.shape)) / 630.0
+    scale = _scale(mask)
     unseen, image = mask.copy(), view.image.numpy()
     unseen[mask] = ~seen
     image[mask] = colors
@@ -224,11 +224,16 @@ def _with_nothing(found: Background, view: View, alpha: np.ndarray, settings: Un
     return Background(found.unseen & ~nothing, image, mask & (found.observed | nothing), opacity)
 
 
+def _scale(mask: np.ndarray) -> float:
+    """The diagonal of an image of the mask's size, in that for which `UnseenSettings` gives lengths."""
+    return float(np.hypot(*mask.shape)) / 630.0
+
+
 def _disc(settings: UnseenSettings, mask: np.ndarray) -> np.ndarray:
     """The disc by which gaps are closed, and crumbs opened, in an image of the mask's size."""
     import cv2
 
-    radius = max(round(settings.closing * float(np.hypot(*mask.shape)) / 630.0), 1)
+    radius = max(round(settings.closing * _scale(mask)), 1)
     return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
 
 
