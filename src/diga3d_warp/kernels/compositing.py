@@ -23,13 +23,14 @@ from diga3d_warp.config import TILE
 from diga3d_warp.kernels import ordering
 from diga3d_warp.kernels.binning import Bins
 from diga3d_warp.kernels.blending import Blending, rules
-from diga3d_warp.kernels.cells import cells_of
+from diga3d_warp.kernels.cells import aligned_function, cells_of
 from diga3d_warp.kernels.lanes import (
     AHEAD,
     Lanes,
     fetch_function,
     lanes_of,
     lowest_bit,
+    places_function,
     reached_function,
 )
 from diga3d_warp.kernels.launch import OPTIONS, launch
@@ -47,6 +48,7 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
     vec = wp.types.vector(size, real)
     read, write, *_ = cells_of(vec)
     unit, response, clipped, survives, features = rules(blending)
+    aligned, find_places = aligned_function(vec), places_function(lanes, real)
     reached = reached_function(blending, lanes)
     fetch = fetch_function(blending)
 
@@ -79,9 +81,11 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
         x0 = (tile % columns) * wp.static(TILE) + (part % wp.static(per_tile)) * wp.static(lanes.region)
         y0 = (tile // columns) * wp.static(TILE) + (part // wp.static(per_tile)) * wp.static(lanes.region)
 
-        T = wp.zeros(shape=wp.static(blocks), dtype=vec)
-        sums = wp.zeros(shape=wp.static(count * blocks), dtype=vec)
+        T = aligned(wp.zeros(shape=wp.static(blocks + 1), dtype=vec))
+        sums = aligned(wp.zeros(shape=wp.static(count * blocks + 1), dtype=vec))
         median = wp.zeros(shape=wp.static(blocks if blending.median else 1), dtype=vec)
+        xs = aligned(wp.zeros(shape=wp.static(blocks + 1), dtype=vec))
+        ys = aligned(wp.zeros(shape=wp.static(blocks + 1), dtype=vec))
         live = int(0)
         for block in range(wp.static(blocks)):
             write(T, block, vec(real(1.0)))
@@ -89,6 +93,7 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
                 y0 + (block // across) * height < image_height
             )
             live = live | (wp.where(inside, 1, 0) << block)
+        find_places(xs, ys)
 
         start = starts[tile]
         last = starts[tile + 1] - 1
@@ -115,16 +120,16 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
             while remaining != 0:
                 block = lowest_bit(remaining)
                 remaining = remaining & (remaining - 1)
-                bgx = gx - real((block % across) * width)
-                bgy = gy - real((block // across) * height)
+                x_b = read(xs, block)
+                y_b = read(ys, block)
                 T_b = read(T, block)
                 left = vec(real(0.0))
                 weight = vec(real(0.0))
                 any_live = int(0)
                 any_change = int(0)
                 for q in range(size):
-                    dx = bgx - real(q % width)
-                    dy = bgy - real(q // width)
+                    dx = gx - x_b[q]
+                    dy = gy - y_b[q]
                     w = clipped(response(opacity, root, dx, dy, extent)) * T_b[q]
                     alive = survives(T_b[q] - w, 1)
                     left[q] = wp.where(alive > 0, T_b[q] - w, -wp.abs(T_b[q]))

@@ -19,7 +19,7 @@ from diga3d_warp.config import SPLATTING, TILE
 from diga3d_warp.kernels import ordering
 from diga3d_warp.kernels.binning import Bins
 from diga3d_warp.kernels.blending import Blending, rules
-from diga3d_warp.kernels.cells import cells_of
+from diga3d_warp.kernels.cells import aligned_function, cells_of
 from diga3d_warp.kernels.gradient_rows import GEOMETRY, gather, gradient_row
 from diga3d_warp.kernels.lanes import (
     AHEAD,
@@ -27,6 +27,7 @@ from diga3d_warp.kernels.lanes import (
     fetch_function,
     lanes_of,
     lowest_bit,
+    places_function,
     reached_function,
     total_function,
 )
@@ -48,6 +49,7 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
     row_of = gradient_row(blending)
     claim_row = cells_of(row_of).claim
     unit, response, clipped, survives, features = rules(blending)
+    aligned, find_places = aligned_function(vec), places_function(lanes, real)
     reached = reached_function(blending, lanes)
     fetch = fetch_function(blending)
     total = total_function(size, real)
@@ -87,10 +89,13 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
         x0 = (tile % columns) * wp.static(TILE) + (part % wp.static(per_tile)) * wp.static(lanes.region)
         y0 = (tile // columns) * wp.static(TILE) + (part // wp.static(per_tile)) * wp.static(lanes.region)
 
-        T = wp.zeros(shape=wp.static(blocks), dtype=vec)
-        R = wp.zeros(shape=wp.static(blocks), dtype=vec)
-        g = wp.zeros(shape=wp.static(count * blocks), dtype=vec)
+        T = aligned(wp.zeros(shape=wp.static(blocks + 1), dtype=vec))
+        R = aligned(wp.zeros(shape=wp.static(blocks + 1), dtype=vec))
+        g = aligned(wp.zeros(shape=wp.static(count * blocks + 1), dtype=vec))
         g_median = wp.zeros(shape=wp.static(blocks if blending.median else 1), dtype=vec)
+        xs = aligned(wp.zeros(shape=wp.static(blocks + 1), dtype=vec))
+        ys = aligned(wp.zeros(shape=wp.static(blocks + 1), dtype=vec))
+        find_places(xs, ys)
         inside = int(0)
         for block in range(wp.static(blocks)):
             write(T, block, vec(real(1.0)))
@@ -143,12 +148,12 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
             sum_uy = vec(real(0.0))
             sum_yy = vec(real(0.0))
             sum_median = vec(real(0.0))
-            sums = wp.zeros(shape=wp.static(count), dtype=vec)
+            sums = aligned(wp.zeros(shape=wp.static(count + 1), dtype=vec))
             while remaining != 0:
                 block = lowest_bit(remaining)
                 remaining = remaining & (remaining - 1)
-                bgx = gx - real((block % across) * width)
-                bgy = gy - real((block // across) * height)
+                x_b = read(xs, block)
+                y_b = read(ys, block)
                 T_b = read(T, block)
                 R_b = read(R, block)
                 left = vec(real(0.0))
@@ -158,8 +163,8 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
                 weight = vec(real(0.0))
                 any_live = int(0)
                 for q in range(size):
-                    dx = bgx - real(q % width)
-                    dy = bgy - real(q // width)
+                    dx = gx - x_b[q]
+                    dy = gy - y_b[q]
                     raw = response(opacity, scaled, dx, dy, extent)
                     alpha = clipped(raw)
                     w = alpha * T_b[q]
