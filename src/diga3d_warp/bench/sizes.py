@@ -57,6 +57,11 @@ class Size:
     def pixels(self) -> int:
         return self.width * self.height
 
+    @property
+    def step(self) -> float:
+        """Best time of all stages together [s]."""
+        return self.rasterise + self.others
+
 
 @dataclass(frozen=True)
 class Series:
@@ -114,12 +119,13 @@ def bench_sizes(out: Path, repeats: int) -> list[Table]:
 NOTES = """\
 One step of a fit on all cores. Gaussians are the smaller the more there are on so many pixels: they cover the
 image as often. Memory is the peak that scene, optimiser and step add to a fresh process. Binning is the part
-of rasterising that sorts, bins and sums rows; blending is the rest.
+of rasterising that sorts, bins and sums rows; blending is the rest. A step is rasterising and the others.
 
 A listed pair is a pixel and a gaussian that its tile lists, a blended one has a weight above 0. Blocks of
 pixels that a gaussian does not reach are passed over, so a listed pair costs the less the smaller the
 gaussian is beside its tile. The same number of gaussians on more pixels is larger ones: a larger part of what
-is listed is blended, and time grows faster than listed pairs, though more slowly than blended ones.
+is listed is blended, and rasterising alone grows faster than listed pairs, though more slowly than blended
+ones. A step has stages that cost the same whatever the pixels.
 """
 
 
@@ -184,6 +190,7 @@ def size_table(series: Series) -> Table:
             f"{1e3 * size.rasterise:.0f}",
             f"{1e3 * size.binning:.0f}",
             f"{1e3 * size.others:.0f}",
+            f"{1e3 * size.step:.0f}",
             f"{1e9 * size.rasterise / size.listed_pairs:.2f}",
             f"{1e9 * size.rasterise / size.blended_pairs:.2f}",
             f"{size.peak_mib}",
@@ -192,21 +199,25 @@ def size_table(series: Series) -> Table:
     ]
     columns = [
         "gaussians", "image [px]", "listed pairs [million]", "blended [million]", "rasterise [ms]",
-        "binning [ms]", "others [ms]", "ns a listed pair", "ns a blended one", "peak [MiB]",
+        "binning [ms]", "others [ms]", "step [ms]", "ns a listed pair", "ns a blended one", "peak [MiB]",
     ]  # fmt: skip
     return Table(series.name[0].upper() + series.name[1:], columns, rows)
 
 
 def growth_table(series: Sequence[Series]) -> Table:
-    """Does the time of rasterising grow no faster than the pairs, from the first size to the last?"""
+    """Does time grow no faster than the listed pairs, from the first size to the last?
+
+    Judged of a whole step, which is what a fit costs, and of rasterising alone.
+    """
     rows = []
     for one in series:
         start, end = one.sizes[0], one.sizes[-1]
-        time, listed = end.rasterise / start.rasterise, end.listed_pairs / start.listed_pairs
+        listed = end.listed_pairs / start.listed_pairs
+        times = [end.step / start.step, end.rasterise / start.rasterise]
+        judged = [f"{time:.2f}, {'met' if time <= listed else 'missed'}" for time in times]
         blended = end.blended_pairs / start.blended_pairs
-        verdict = "met" if time <= listed else "missed"
-        rows.append((one.name, f"{time:.2f}", f"{listed:.2f}", f"{blended:.2f}", verdict))
-    columns = ["rasterising grows no faster than listed pairs", "time", "listed", "blended", "verdict"]
+        rows.append((one.name, f"{listed:.2f}", *judged, f"{blended:.2f}"))
+    columns = ["time grows no faster than listed pairs", "listed", "a step", "rasterising", "blended pairs"]
     return Table("Growth [times]", columns, rows)
 
 
@@ -228,8 +239,9 @@ def _slope(sizes: Sequence[Size], amounts: Sequence[int]) -> float:
 def _curves(series: Series) -> dict[str, list[float]]:
     """Times, and how they would grow with the pairs."""
     sizes = series.sizes
-    a_pair = sizes[0].rasterise / sizes[0].listed_pairs
+    a_pair = sizes[0].step / sizes[0].listed_pairs
     return {
+        "step": [size.step for size in sizes],
         "rasterise": [size.rasterise for size in sizes],
         "others": [size.others for size in sizes],
         "in proportion to pairs": [a_pair * size.listed_pairs for size in sizes],
