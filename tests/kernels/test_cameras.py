@@ -34,8 +34,10 @@ def distort_kernel(kind: str) -> wp.Kernel:
     ):
         i = wp.tid() + offset
         p = points[i]
-        distorted[i] = distort(p[0], p[1], k)
-        jacobians[i] = jacobian(p[0], p[1], k)
+        u, v = distort(p[0], p[1], k)
+        xx, xy, yy = jacobian(p[0], p[1], k)
+        distorted[i] = vec2d(u, v)
+        jacobians[i] = mat22d(xx, xy, xy, yy)
 
     return run
 

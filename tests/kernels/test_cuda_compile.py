@@ -10,6 +10,7 @@ from diga3d_warp.kernels import (
     attribution,
     blending,
     cameras,
+    columns,
     compositing,
     compositing_adjoint,
     gradient_rows,
@@ -17,6 +18,7 @@ from diga3d_warp.kernels import (
     keyed_pairs,
     lanes,
     mesh,
+    normals,
     ordering,
     patches,
     points,
@@ -27,16 +29,21 @@ from diga3d_warp.kernels import (
     texturing,
     walk,
 )
-from diga3d_warp.kernels.projection import Projecting
+from diga3d_warp.kernels.footprint import Projecting
 
 CUDA = lanes.CUDA_LANES
+COLUMNS = columns.CUDA_COLUMNS
 PLAIN = blending.Blending()
 FULL = blending.Blending(1e-7, 0.0, 8, precision="float64", boxed=True, normals=True, median=True)
 KERNELS = {
     "adam": lambda: adam.step_kernel(48),
     "pixel_rays": lambda: cameras.pixel_rays_kernel("fisheye"),
-    "project": lambda: projection.projection_kernel(Projecting("brown")),
-    "shade": lambda: harmonics.harmonics_kernel(3),
+    "project": lambda: projection.projection_kernel(Projecting("brown"), COLUMNS),
+    "project_adjoint": lambda: projection.adjoint_kernel(Projecting("brown"), COLUMNS),
+    "shade": lambda: harmonics.harmonics_kernel(3, COLUMNS),
+    "shade_adjoint": lambda: harmonics.adjoint_kernel(3, COLUMNS),
+    "orient": lambda: normals.normals_kernel(COLUMNS),
+    "orient_adjoint": lambda: normals.adjoint_kernel(COLUMNS),
     "binning": lambda: keyed_pairs.emit_pairs,
     "composite": lambda: compositing.forward_kernel(PLAIN, CUDA),
     "composite_full": lambda: compositing.forward_kernel(FULL, CUDA),

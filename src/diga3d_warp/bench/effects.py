@@ -25,12 +25,14 @@ from diga3d_warp.gaussians.exposure import exposed
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.kernels import ordering
 from diga3d_warp.kernels.blending import Blending
+from diga3d_warp.kernels.columns import CPU_COLUMNS
 from diga3d_warp.kernels.compositing import forward_kernel
 from diga3d_warp.kernels.compositing_adjoint import adjoint_kernel
+from diga3d_warp.kernels.footprint import Projecting
 from diga3d_warp.kernels.harmonics import harmonics_kernel
 from diga3d_warp.kernels.lanes import CPU_LANES
 from diga3d_warp.kernels.normals import normals_kernel
-from diga3d_warp.kernels.projection import Projecting, projection_kernel
+from diga3d_warp.kernels.projection import projection_kernel
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.render import render
 
@@ -78,9 +80,10 @@ def kernels_of(effects: Effects, lens_kind: str) -> dict[str, wp.Kernel]:
     """
     accuracy = Accuracy.STANDARD
     blending = Blending.of(accuracy, effects, normals=effects.normals, median=effects.median_depth)
+    projecting = Projecting.of(lens_kind if effects.lens else "none", accuracy, effects)
     kernels = {
-        "project": projection_kernel(Projecting.of(lens_kind if effects.lens else "none", accuracy, effects)),
-        "shade": harmonics_kernel(3 if effects.sh_degree is None else effects.sh_degree),
+        "project": projection_kernel(projecting, CPU_COLUMNS),
+        "shade": harmonics_kernel(3 if effects.sh_degree is None else effects.sh_degree, CPU_COLUMNS),
         "blend": forward_kernel(blending, CPU_LANES),
         "blend, adjoint": adjoint_kernel(blending, CPU_LANES),
     }
@@ -88,7 +91,7 @@ def kernels_of(effects: Effects, lens_kind: str) -> dict[str, wp.Kernel]:
         kernels["blend"] = ordering.ordered_kernel(blending)
         kernels["blend, adjoint"] = ordering.ordered_adjoint_kernel(blending, TILE)
     if effects.normals:
-        kernels["orient"] = normals_kernel()
+        kernels["orient"] = normals_kernel(CPU_COLUMNS)
     return kernels
 
 

@@ -4,6 +4,8 @@ Invariants
 - Lens models act on normalised camera coordinates (x, y) = (X/Z, Y/Z), in units of the focal length.
 - `distort` and `distort_jacobian` hold no loop and no branch, and divide by nothing that can be zero, so the
   adjoint that Warp derives for them is right everywhere, the optical axis included.
+- Pairs of numbers go in and out one by one: a 2-vector between functions is passed as one register, which
+  keeps a loop over lanes from being vectorised.
 - A lens polynomial folds over at some radius: beyond it, far-off points come back into the image. Whoever
   distorts must first cull points whose undistorted radius is not below `valid_radius`.
 - A pixel that no ray inside the valid radius reaches has a NaN ray; guards downstream are written so that NaN
@@ -42,8 +44,9 @@ class LensModel:
     """Warp functions of one lens kind in one scalar type; `k` is its four coefficients.
 
     Attributes:
-        distort: (x, y, k) -> distorted (x, y), a 2-vector.
-        distort_jacobian: (x, y, k) -> d distorted / d (x, y), 2 x 2, closed form.
+        distort: (x, y, k) -> distorted x, y.
+        distort_jacobian: (x, y, k) -> d distorted / d (x, y), closed form: its entries xx, xy and yy. All
+            models are symmetric.
         undistort: (xd, yd, k, max_radius) -> (x, y), or NaN where no ray with a radius below `max_radius`
             reaches (xd, yd). Not differentiable.
     """
@@ -97,15 +100,15 @@ def _first_positive_root(polynomial: Sequence[float]) -> float:
 
 
 def _pinhole(scalar: Any) -> LensModel:
-    vec2, _, vec4, mat22, _, _ = types_of(scalar)
+    vec2, _, vec4, *_ = types_of(scalar)
 
     @wp.func
     def distort(x: scalar, y: scalar, k: vec4):
-        return vec2(x, y)
+        return x, y
 
     @wp.func
     def distort_jacobian(x: scalar, y: scalar, k: vec4):
-        return mat22(scalar(1.0), scalar(0.0), scalar(0.0), scalar(1.0))
+        return scalar(1.0), scalar(0.0), scalar(1.0)
 
     @wp.func
     def undistort(xd: scalar, yd: scalar, k: vec4, max_radius: scalar):
@@ -115,7 +118,7 @@ def _pinhole(scalar: Any) -> LensModel:
 
 
 def _brown(scalar: Any) -> LensModel:
-    vec2, _, vec4, mat22, _, _ = types_of(scalar)
+    vec2, _, vec4, *_ = types_of(scalar)
     residual = RESIDUAL[scalar]
     steps = NEWTON_STEPS
 
@@ -124,7 +127,7 @@ def _brown(scalar: Any) -> LensModel:
         r2 = x * x + y * y
         radial = scalar(1.0) + r2 * (k[0] + r2 * k[1])
         two = scalar(2.0)
-        return vec2(
+        return (
             x * radial + two * k[2] * x * y + k[3] * (r2 + two * x * x),
             y * radial + k[2] * (r2 + two * y * y) + two * k[3] * x * y,
         )
@@ -136,9 +139,8 @@ def _brown(scalar: Any) -> LensModel:
         two, six = scalar(2.0), scalar(6.0)
         slope = two * (k[0] + two * r2 * k[1])  # (d radial / d r^2) * 2
         cross = slope * x * y + two * (k[2] * x + k[3] * y)
-        return mat22(
+        return (
             radial + slope * x * x + two * k[2] * y + six * k[3] * x,
-            cross,
             cross,
             radial + slope * y * y + six * k[2] * y + two * k[3] * x,
         )
@@ -148,10 +150,14 @@ def _brown(scalar: Any) -> LensModel:
         x = scalar(xd)
         y = scalar(yd)
         for _ in range(steps):
-            step = wp.inverse(distort_jacobian(x, y, k)) * (distort(x, y, k) - vec2(xd, yd))
-            x -= step[0]
-            y -= step[1]
-        error = wp.length(distort(x, y, k) - vec2(xd, yd))
+            at_x, at_y = distort(x, y, k)
+            xx, xy, yy = distort_jacobian(x, y, k)
+            off_x = (at_x - xd) / (xx * yy - xy * xy)
+            off_y = (at_y - yd) / (xx * yy - xy * xy)
+            x -= yy * off_x - xy * off_y
+            y -= xx * off_y - xy * off_x
+        at_x, at_y = distort(x, y, k)
+        error = wp.sqrt((at_x - xd) * (at_x - xd) + (at_y - yd) * (at_y - yd))
         ray = vec2(scalar(wp.nan), scalar(wp.nan))
         if error < scalar(residual) and wp.sqrt(x * x + y * y) < max_radius:
             ray = vec2(x, y)
@@ -161,7 +167,7 @@ def _brown(scalar: Any) -> LensModel:
 
 
 def _fisheye(scalar: Any) -> LensModel:
-    vec2, _, vec4, mat22, _, _ = types_of(scalar)
+    vec2, _, vec4, *_ = types_of(scalar)
     guard = AXIS_GUARD[scalar]
     residual = RESIDUAL[scalar]
     steps = NEWTON_STEPS
@@ -186,7 +192,7 @@ def _fisheye(scalar: Any) -> LensModel:
         r = wp.sqrt(x * x + y * y + scalar(guard))
         angle = wp.atan(r)
         scale = angle * bend(angle, k) / r
-        return vec2(x * scale, y * scale)
+        return x * scale, y * scale
 
     @wp.func
     def distort_jacobian(x: scalar, y: scalar, k: vec4):
@@ -196,7 +202,7 @@ def _fisheye(scalar: Any) -> LensModel:
         scale = angle * bend(angle, k) / r
         radial = (bend_slope(angle, k) / (scalar(1.0) + r2) - scale) / r2
         cross = radial * x * y
-        return mat22(scale + radial * x * x, cross, cross, scale + radial * y * y)
+        return scale + radial * x * x, cross, scale + radial * y * y
 
     @wp.func
     def undistort(xd: scalar, yd: scalar, k: vec4, max_radius: scalar):

@@ -4,17 +4,20 @@ Invariants
 - colour = max(0, 0.5 + SH(direction)); where the maximum cuts, the gradient is zero.
 - The direction runs from the camera centre to the mean; its length is guarded, so a mean at the centre
   gets the colour of degree 0 and no NaN.
-- Gaussians with extent (0, 0) are culled: colour zero, gradient zero, coefficients never read.
+- Gaussians with extent (0, 0) are culled: colour zero, gradient zero, whatever their coefficients hold.
 - Coefficients that are not finite, or absurdly large, give black and a zero gradient.
 """
 
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import warp as wp
 
 from diga3d_warp.config import POSE_GROUP, SPLATTING
-from diga3d_warp.kernels.launch import DIFFERENTIABLE, launch
+from diga3d_warp.kernels.cells import aligned_function
+from diga3d_warp.kernels.columns import Columns, columns_for, moves_of, tables_of
+from diga3d_warp.kernels.lanes import total_function
+from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.precision import REALS, types_of
 
 C0 = 0.28209479177387814
@@ -28,112 +31,264 @@ C3 = (
 )  # fmt: skip
 
 
-@cache
-def magnitude_function(real: Any) -> Any:
-    """Warp function: bound of the colour of gaussian `i`. No harmonic up to degree 3 exceeds 1.5."""
-    vec3 = types_of(real).vec3
+class Basis(NamedTuple):
+    """Warp functions of the harmonics up to a degree, at the direction of (x, y, z), of any length.
 
-    @wp.func
-    def magnitude(sh: wp.array2d(dtype=vec3), i: int, terms: int):
-        total = vec3()
-        for k in range(terms):
-            total += wp.abs(sh[i, k])
-        return total[0] + total[1] + total[2]
+    Attributes:
+        values: (x, y, z) -> all harmonics.
+        weighted: (x, y, z, weights) -> their weighted sum. Its derivative by the weights is `values`.
+    """
 
-    @wp.func_grad(magnitude)
-    def adj_magnitude(sh: wp.array2d(dtype=vec3), i: int, terms: int, adj_total: real):
-        pass  # only compared, never drawn
-
-    return magnitude
+    values: Any
+    weighted: Any
 
 
 @cache
-def harmonics_kernel(degree: int, precision: str = "float32") -> wp.Kernel:
-    """The kernel for one degree, 0 to 3; the terms above it are not in its code."""
-    real = REALS[precision]
-    vec2, vec3 = types_of(real)[:2]
-    magnitude = magnitude_function(real)
+def basis(degree: int, real: Any) -> Basis:
+    """The functions for one degree, 0 to 3; the terms above it are not in their code."""
     terms = (degree + 1) ** 2
-    color_max = real(SPLATTING.color_max)
+    vec = wp.types.vector(length=terms, dtype=real)
     length_guard = real(1e-20)
-    zero, half, one, two, three, four = (real(number) for number in (0.0, 0.5, 1.0, 2.0, 3.0, 4.0))
+    one, two, three, four = (real(number) for number in (1.0, 2.0, 3.0, 4.0))
     c0, c1 = real(C0), real(C1)
     c4, c5, c6, c7, c8 = (real(c) for c in C2)
     c9, c10, c11, c12, c13, c14, c15 = (real(c) for c in C3)
 
-    @wp.kernel(module="unique", module_options=DIFFERENTIABLE)
+    @wp.func
+    def values(vx: real, vy: real, vz: real) -> vec:
+        b = vec()
+        b[0] = c0
+        if wp.static(degree > 0):
+            scale = one / wp.sqrt(vx * vx + vy * vy + vz * vz + length_guard)
+            x = vx * scale
+            y = vy * scale
+            z = vz * scale
+            b[1] = -c1 * y
+            b[2] = c1 * z
+            b[3] = -c1 * x
+        if wp.static(degree > 1):
+            b[4] = c4 * x * y
+            b[5] = c5 * y * z
+            b[6] = c6 * (two * z * z - x * x - y * y)
+            b[7] = c7 * x * z
+            b[8] = c8 * (x * x - y * y)
+        if wp.static(degree > 2):
+            b[9] = c9 * y * (three * x * x - y * y)
+            b[10] = c10 * x * y * z
+            b[11] = c11 * y * (four * z * z - x * x - y * y)
+            b[12] = c12 * z * (two * z * z - three * x * x - three * y * y)
+            b[13] = c13 * x * (four * z * z - x * x - y * y)
+            b[14] = c14 * z * (x * x - y * y)
+            b[15] = c15 * x * (x * x - three * y * y)
+        return b
+
+    @wp.func
+    def weighted(vx: real, vy: real, vz: real, weights: vec) -> real:
+        return wp.dot(values(vx, vy, vz), weights)
+
+    return Basis(values, weighted)
+
+
+class Channels(NamedTuple):
+    """Warp functions between harmonics and a table of coefficients, red, green and blue in turn.
+
+    Attributes:
+        blend: (harmonics, table, channel, lane) -> sum of a channel's coefficients times the harmonics.
+        magnitude: (table, lane) -> sum of all coefficients' sizes: no harmonic up to degree 3 exceeds 1.5.
+        mix: (table, r, g, b, lane) -> for each harmonic, its coefficients times r, g and b.
+        spread: (table, harmonics, r, g, b, lane): set each coefficient to its harmonic times r, g or b.
+    """
+
+    blend: Any
+    magnitude: Any
+    mix: Any
+    spread: Any
+
+
+@cache
+def channels(degree: int, size: int, real: Any) -> Channels:
+    """The functions for one degree, `size` gaussians side by side."""
+    terms = (degree + 1) ** 2
+    harmonics, vec = (wp.types.vector(length=length, dtype=real) for length in (terms, size))
+    _, _, get, put = tables_of(3 * terms, size, real)
+
+    # Naming k in a constant unrolls a loop; all of these are called in loops over lanes.
+    @wp.func
+    def blend(b: harmonics, table: wp.array(dtype=vec), channel: int, t: int) -> real:
+        total = real(0.0)
+        for k in range(terms):
+            total = total + b[wp.static(k)] * get(table, wp.static(3 * k) + channel, t)
+        return total
+
+    @wp.func
+    def magnitude(table: wp.array(dtype=vec), t: int) -> real:
+        total = real(0.0)
+        for q in range(wp.static(3 * terms)):
+            total = total + wp.abs(get(table, wp.static(q), t))
+        return total
+
+    @wp.func
+    def mix(table: wp.array(dtype=vec), red: real, green: real, blue: real, t: int) -> harmonics:
+        weights = harmonics()
+        for k in range(terms):
+            warm = red * get(table, wp.static(3 * k), t) + green * get(table, wp.static(3 * k + 1), t)
+            weights[wp.static(k)] = warm + blue * get(table, wp.static(3 * k + 2), t)
+        return weights
+
+    @wp.func
+    def spread(table: wp.array(dtype=vec), b: harmonics, red: real, green: real, blue: real, t: int):
+        for k in range(terms):
+            put(table, wp.static(3 * k), t, b[wp.static(k)] * red)
+            put(table, wp.static(3 * k + 1), t, b[wp.static(k)] * green)
+            put(table, wp.static(3 * k + 2), t, b[wp.static(k)] * blue)
+
+    return Channels(blend, magnitude, mix, spread)
+
+
+@cache
+def harmonics_kernel(degree: int, columns: Columns, precision: str = "float32") -> wp.Kernel:
+    """The kernel for one degree."""
+    real, size, numbers = REALS[precision], columns.size, 3 * (degree + 1) ** 2
+    vec2, vec3 = types_of(real)[:2]
+    vec = wp.types.vector(length=size, dtype=real)
+    aligned = aligned_function(vec)
+    pairs, triples = moves_of(vec2, size), moves_of(vec3, size)
+    load_vec2, load_vec3, store_vec3 = pairs.load, triples.load, triples.store
+    load_table = tables_of(numbers, size, real).load
+    in_3 = wp.types.matrix(shape=(3, size), dtype=real)
+    values = basis(degree, real).values
+    blend, magnitude, *_ = channels(degree, size, real)
+    color_max, zero, half = real(SPLATTING.color_max), real(0.0), real(0.5)
+
+    @wp.kernel(module="unique", module_options=OPTIONS)
     def shade(
         offset: int,
+        count: int,
+        stride: int,
         means: wp.array(dtype=vec3),
-        sh: wp.array2d(dtype=vec3),
+        sh: wp.array(dtype=real),
         eyes: wp.array(dtype=vec3),
         extents: wp.array(dtype=vec2),
         # outputs
         colors: wp.array(dtype=vec3),
     ):
-        i = wp.tid() + offset
-        if not (extents[i][0] > zero):
-            return
-        if not (magnitude(sh, i, terms) < color_max):
-            return
-        color = vec3(half, half, half) + c0 * sh[i, 0]
-        if wp.static(degree > 0):
-            v = means[i] - eyes[i // wp.static(POSE_GROUP)]
-            d = v * (one / wp.sqrt(wp.dot(v, v) + length_guard))
-            x = d[0]
-            y = d[1]
-            z = d[2]
-            color += c1 * (z * sh[i, 2] - y * sh[i, 1] - x * sh[i, 3])
-            if wp.static(degree > 1):
-                color += (
-                    (c4 * x * y) * sh[i, 4]
-                    + (c5 * y * z) * sh[i, 5]
-                    + (c6 * (two * z * z - x * x - y * y)) * sh[i, 6]
-                    + (c7 * x * z) * sh[i, 7]
-                    + (c8 * (x * x - y * y)) * sh[i, 8]
-                )
-            if wp.static(degree > 2):
-                color += (
-                    (c9 * y * (three * x * x - y * y)) * sh[i, 9]
-                    + (c10 * x * y * z) * sh[i, 10]
-                    + (c11 * y * (four * z * z - x * x - y * y)) * sh[i, 11]
-                    + (c12 * z * (two * z * z - three * x * x - three * y * y)) * sh[i, 12]
-                    + (c13 * x * (four * z * z - x * x - y * y)) * sh[i, 13]
-                    + (c14 * z * (x * x - y * y)) * sh[i, 14]
-                    + (c15 * x * (x * x - three * y * y)) * sh[i, 15]
-                )
-        colors[i] = vec3(
-            wp.where(color[0] > zero, color[0], zero),
-            wp.where(color[1] > zero, color[1], zero),
-            wp.where(color[2] > zero, color[2], zero),
-        )
+        begin = (wp.tid() + offset) * wp.static(columns.span)
+        end = wp.min(begin + wp.static(columns.span), count)
+        eye = eyes[begin // wp.static(POSE_GROUP)]
+        table = aligned(wp.zeros(shape=wp.static(numbers + 1), dtype=vec))
+        for first in range(begin, end, wp.static(size)):
+            lanes = wp.min(wp.static(size), end - first)
+            mean = load_vec3(means, first, lanes)
+            extent = load_vec2(extents, first, lanes)
+            load_table(sh, stride, first, lanes, table)
+            color = in_3()
+            for t in range(size):
+                b = values(mean[0, t] - eye[0], mean[1, t] - eye[1], mean[2, t] - eye[2])
+                red = half + blend(b, table, 0, t)
+                green = half + blend(b, table, 1, t)
+                blue = half + blend(b, table, 2, t)
+                drawn = wp.where(extent[0, t] > zero, 1, 0) & wp.where(magnitude(table, t) < color_max, 1, 0)
+                color[0, t] = wp.where((drawn & wp.where(red > zero, 1, 0)) != 0, red, zero)
+                color[1, t] = wp.where((drawn & wp.where(green > zero, 1, 0)) != 0, green, zero)
+                color[2, t] = wp.where((drawn & wp.where(blue > zero, 1, 0)) != 0, blue, zero)
+            store_vec3(colors, first, lanes, color)
 
     return shade
 
 
+@cache
+def adjoint_kernel(degree: int, columns: Columns, precision: str = "float32") -> wp.Kernel:
+    """The kernel that pulls gradients of the colours back."""
+    real, size, numbers = REALS[precision], columns.size, 3 * (degree + 1) ** 2
+    vec3 = types_of(real).vec3
+    vec = wp.types.vector(length=size, dtype=real)
+    aligned = aligned_function(vec)
+    triples, tables = moves_of(vec3, size), tables_of(numbers, size, real)
+    load_vec3, store_vec3 = triples.load, triples.store
+    load_table, store_table, *_ = tables
+    in_3 = wp.types.matrix(shape=(3, size), dtype=real)
+    _, _, mix, spread = channels(degree, size, real)
+    total = total_function(size, real)
+    pulled = wp.grad(basis(degree, real).weighted)
+    zero = real(0.0)
+
+    @wp.kernel(module="unique", module_options=OPTIONS)
+    def shade_adjoint(
+        offset: int,
+        count: int,
+        stride: int,
+        means: wp.array(dtype=vec3),
+        sh: wp.array(dtype=real),
+        eyes: wp.array(dtype=vec3),
+        colors: wp.array(dtype=vec3),
+        adj_colors: wp.array(dtype=vec3),
+        # outputs
+        adj_means: wp.array(dtype=vec3),
+        adj_sh: wp.array(dtype=real),
+        adj_eyes: wp.array(dtype=vec3),
+    ):
+        begin = (wp.tid() + offset) * wp.static(columns.span)
+        end = wp.min(begin + wp.static(columns.span), count)
+        group = begin // wp.static(POSE_GROUP)
+        eye = eyes[group]
+        of_eye = in_3()
+        table = aligned(wp.zeros(shape=wp.static(numbers + 1), dtype=vec))
+        result = aligned(wp.zeros(shape=wp.static(numbers + 1), dtype=vec))
+        for first in range(begin, end, wp.static(size)):
+            lanes = wp.min(wp.static(size), end - first)
+            mean = load_vec3(means, first, lanes)
+            color = load_vec3(colors, first, lanes)
+            g = load_vec3(adj_colors, first, lanes)
+            load_table(sh, stride, first, lanes, table)
+            g_mean = in_3()
+            for t in range(size):
+                red = wp.where(color[0, t] > zero, g[0, t], zero)
+                green = wp.where(color[1, t] > zero, g[1, t], zero)
+                blue = wp.where(color[2, t] > zero, g[2, t], zero)
+                weights = mix(table, red, green, blue, t)
+                # Of a culled gaussian, mean and coefficients may be anything.
+                seen = color[0, t] + color[1, t] + color[2, t] > zero
+                vx = wp.where(seen, mean[0, t] - eye[0], zero)
+                vy = wp.where(seen, mean[1, t] - eye[1], zero)
+                vz = wp.where(seen, mean[2, t] - eye[2], zero)
+                g_x, g_y, g_z, b = pulled(vx, vy, vz, weights)
+                g_mean[0, t] = wp.where(seen, g_x, zero)
+                g_mean[1, t] = wp.where(seen, g_y, zero)
+                g_mean[2, t] = wp.where(seen, g_z, zero)
+                of_eye[0, t] -= wp.where(seen, g_x, zero)
+                of_eye[1, t] -= wp.where(seen, g_y, zero)
+                of_eye[2, t] -= wp.where(seen, g_z, zero)
+                spread(result, b, red, green, blue, t)
+            store_table(adj_sh, stride, first, lanes, result)
+            store_vec3(adj_means, first, lanes, g_mean)
+        if adj_eyes:
+            wp.atomic_add(adj_eyes, group, vec3(total(of_eye[0]), total(of_eye[1]), total(of_eye[2])))
+
+    return shade_adjoint
+
+
 def shade(
-    degree: int, count: int, inputs: list, outputs: list, *, device: object, precision: str = "float32"
-) -> None:
-    """Evaluate `count` colours; outputs must hold zeros. Arguments as in the kernel."""
+    degree: int, count: int, stride: int, inputs: list, outputs: list, *,
+    device: object, precision: str = "float32",
+) -> None:  # fmt: skip
+    """Evaluate `count` colours, of `stride` coefficients each. Arguments as in the kernel."""
+    columns = columns_for(device, calls=precision == "float64")
     launch(
-        harmonics_kernel(degree, precision), count, inputs, outputs,
-        device=device, work=2, align=POSE_GROUP,
+        harmonics_kernel(degree, columns, precision), -(-count // columns.span), [count, 3 * stride, *inputs],
+        outputs, device=device, work=columns.span,
     )  # fmt: skip
 
 
 def shade_adjoint(
-    degree: int,
-    count: int,
-    inputs: list,
-    outputs: list,
-    adj_inputs: list,
-    adj_outputs: list,
-    *,
-    device: object,
-    precision: str = "float32",
-) -> None:
-    """Add the gradients of means, coefficients and eyes, given that of the colours."""
+    degree: int, count: int, stride: int, inputs: list, outputs: list, *,
+    device: object, precision: str = "float32",
+) -> None:  # fmt: skip
+    """Write the gradients of means and coefficients, and add those of eyes.
+
+    Arguments as in the kernel; None for what nobody wants.
+    """
+    columns = columns_for(device, calls=precision == "float64")
     launch(
-        harmonics_kernel(degree, precision), count, inputs, outputs,
-        adj_inputs=adj_inputs, adj_outputs=adj_outputs, adjoint=True, device=device, work=4, align=POSE_GROUP,
+        adjoint_kernel(degree, columns, precision), -(-count // columns.span), [count, 3 * stride, *inputs],
+        outputs, device=device, work=2 * columns.span,
     )  # fmt: skip

@@ -97,7 +97,6 @@ def launch(
     adjoint: bool = False,
     work: int = 1,
     uneven: bool = False,
-    align: int = 1,
 ) -> None:
     """Run `kernel` over `dim` indices, on CPU spread over all threads.
 
@@ -112,7 +111,6 @@ def launch(
         work: How many times heavier an index is than a light one (about 20 ns); decides when a launch is
             worth spreading.
         uneven: Indices differ much in cost.
-        align: Ranges begin at multiples of this, where `align` indices share a cell that they write to.
     """
     if dim == 0:
         return
@@ -128,9 +126,8 @@ def launch(
     if threads == 1 or dim * work < SERIAL_BELOW:
         whole.launch()
     else:
-        blocks = -(-dim // align)
-        count = min(blocks, threads * (UNEVEN_RANGES if uneven else 1))
-        edges = [min(dim, blocks * k // count * align) for k in range(count + 1)]
+        count = min(dim, threads * (UNEVEN_RANGES if uneven else 1))
+        edges = [dim * k // count for k in range(count + 1)]
         _share(deque(_part(whole, start, end) for start, end in pairwise(edges)), threads)
     if _timings is not None:
         name = kernel.key.rpartition("__")[2]  # of a factory's kernel: FACTORY__locals__NAME

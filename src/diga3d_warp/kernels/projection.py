@@ -1,124 +1,40 @@
-"""Projection: a 3D gaussian becomes a 2D one (EWA, Zwicker et al. 2001; paper Sec. 3, Preliminary).
+"""Projection: gaussians become splats in the image plane, and gradients of splats those of gaussians.
 
 Invariants
-- The projected covariance is the Gram matrix of rows a, b: those of J W R S, or of sigma points. So it is
-  positive semi-definite in floating point too, and its determinant is a sum of squares:
-  |a ^ b|^2 + e (|a|^2 + |b|^2) + e^2 with the low-pass e (Cauchy-Binet). The textbook a d - b^2 loses all
-  digits on needles.
-- A splat goes out as `roots`, the Cholesky root L of its inverse covariance L L^T, lower triangular, as
-  (l11, l21, l22). No entry is a difference, and the exponent at an offset d, -|L^T d|^2 / 2, is never above
-  0; its rounding grows with the length of a needle, that of the inverse covariance with its square.
-- A culled gaussian has extent (0, 0) and exact zeros in every output; its gradient is exactly zero.
-- Every guard is written positively, `if not (x >= limit)`, so that NaN fails it.
-- Broken input is culled before any arithmetic: the adjoint of a product multiplies by the other factor, and
-  zero times infinity or NaN would reach the camera's gradient.
+- A culled gaussian has extent (0, 0) and exact zeros in every output; its gradient is exactly zero. Its lane
+  may compute NaN: results are chosen, never multiplied by zero, before they are stored or added up.
 - The camera comes in rows, one for `POSE_GROUP` gaussians, all equal: each row collects the gradient of its
-  own group.
-- The kernel is compiled for one `Projecting`: what it does not ask for is not in the code.
+  own group. On CPU a group is one thread's.
 """
 
-from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import warp as wp
 
-from diga3d_warp.config import POSE_GROUP, SPLATTING, Accuracy, Effects
-from diga3d_warp.kernels.cameras import lens_model
-from diga3d_warp.kernels.launch import DIFFERENTIABLE, launch
-from diga3d_warp.kernels.precision import REALS, types_of
-from diga3d_warp.kernels.sigma_points import spread_function
-
-_S = SPLATTING
-
-
-@dataclass(frozen=True)
-class Projecting:
-    """What a projection kernel is compiled for.
-
-    Attributes:
-        lens_kind: "none", "brown" or "fisheye".
-        alpha_min, extent, footprint, precision: As in `config.Accuracy`.
-        antialias: As in `config.Effects`.
-        slopes: Give the slopes of depth over the image, which per-pixel order needs.
-    """
-
-    lens_kind: str = "none"
-    alpha_min: float = Accuracy.alpha_min
-    extent: str = Accuracy.extent
-    footprint: str = Accuracy.footprint
-    precision: str = Accuracy.precision
-    antialias: bool = False
-    slopes: bool = False
-
-    @classmethod
-    def of(cls, lens_kind: str, accuracy: Accuracy, effects: Effects) -> "Projecting":
-        """The kernel for a lens that an accuracy and some effects need."""
-        return cls(
-            lens_kind, accuracy.alpha_min, accuracy.extent, accuracy.footprint, accuracy.precision,
-            antialias=effects.antialias, slopes=accuracy.pixel_order or effects.pixel_order,
-        )  # fmt: skip
-
-    @property
-    def real(self) -> Any:
-        """Scalar type of all arrays."""
-        return REALS[self.precision]
+from diga3d_warp.config import POSE_GROUP
+from diga3d_warp.kernels.columns import Columns, columns_for, moves_of
+from diga3d_warp.kernels.footprint import Projecting, footprint
+from diga3d_warp.kernels.lanes import total_function
+from diga3d_warp.kernels.launch import OPTIONS, launch
+from diga3d_warp.kernels.precision import types_of
 
 
 @cache
-def rotation_function(real: Any) -> Any:
-    """Warp function: rotation of a quaternion (w, x, y, z), not necessarily of unit length."""
-    _, _, vec4, _, mat33, _ = types_of(real)
-    one, two = real(1.0), real(2.0)
-
-    @wp.func
-    def rotation_of(q: vec4):
-        n = q * (one / wp.length(q))
-        w = n[0]
-        x = n[1]
-        y = n[2]
-        z = n[3]
-        return mat33(
-            one - two * (y * y + z * z), two * (x * y - w * z), two * (x * z + w * y),
-            two * (x * y + w * z), one - two * (x * x + z * z), two * (y * z - w * x),
-            two * (x * z - w * y), two * (y * z + w * x), one - two * (x * x + y * y),
-        )  # fmt: skip
-
-    return rotation_of
-
-
-@wp.func
-def within(v: Any, limit: Any):
-    return wp.abs(v[0]) < limit and wp.abs(v[1]) < limit and wp.abs(v[2]) < limit
-
-
-@cache
-def projection_kernel(kind: Projecting) -> wp.Kernel:
+def projection_kernel(kind: Projecting, columns: Columns) -> wp.Kernel:
     """The kernel for one way of projecting."""
-    real = kind.real
-    vec2, vec3, vec4, _, mat33, mat44 = types_of(real)
-    lens = lens_model(kind.lens_kind, real)
-    distort, distort_jacobian = lens.distort, lens.distort_jacobian
-    spread = spread_function(kind.lens_kind, real)
-    rotation_of = rotation_function(real)
-    unscented, antialias, slopes = kind.footprint == "unscented", kind.antialias, kind.slopes
-    circle = kind.extent == "circle"
+    real, size = kind.real, columns.size
+    vec2, vec3, vec4, _, _, mat44 = types_of(real)
+    splat, box, _ = footprint(kind)
+    pairs, triples, quadruples, singles = (moves_of(dtype, size) for dtype in (vec2, vec3, vec4, real))
+    load_vec3, load_vec4, load_real = triples.load, quadruples.load, singles.load
+    store_vec2, store_vec3, store_real = pairs.store, triples.store, singles.store
+    in_2, in_3, in_1 = (wp.types.matrix(shape=(length, size), dtype=real) for length in (2, 3, 1))
+    zero = real(0.0)
 
-    zero, half, one, two = real(0.0), real(0.5), real(1.0), real(2.0)
-    low_pass = real(_S.low_pass_antialiased if antialias else _S.low_pass)
-    alpha_min, inv_alpha_min = real(kind.alpha_min), real(1.0 / kind.alpha_min)
-    alpha_min_squared = real(kind.alpha_min**2)
-    reach_guard = real(1e-6)  # keeps the root's slope finite where opacity is alpha_min
-    root_half = real(0.5**0.5)
-    circle_radius = real(_S.circle_radius)
-    circle_floor = real(0.1)  # under the root of 3DGS's larger eigenvalue [px^4]
-    near, coordinate_max, log_scale_max = real(_S.near), real(_S.coordinate_max), real(_S.log_scale_max)
-    logit_min, quaternion_min = real(_S.logit_min), real(_S.quaternion_min)
-    variance_max = real(_S.variance_max)
-
-    @wp.kernel(module="unique", module_options=DIFFERENTIABLE)
+    @wp.kernel(module="unique", module_options=OPTIONS)
     def project(
         offset: int,
+        count: int,
         means: wp.array(dtype=vec3),
         log_scales: wp.array(dtype=vec3),
         quaternions: wp.array(dtype=vec4),
@@ -137,148 +53,211 @@ def projection_kernel(kind: Projecting) -> wp.Kernel:
         opacities: wp.array(dtype=real),
         depth_slopes: wp.array(dtype=vec2),
     ):
-        i = wp.tid() + offset
-        group = i // wp.static(POSE_GROUP)
-        pose = poses[group]
-        f = intrinsics[group]
-
-        mean = means[i]
-        scale = log_scales[i]
-        q = quaternions[i]
-        logit = opacity_logits[i]
-        if not within(mean, coordinate_max) or not within(scale, log_scale_max):
-            return
-        if not within(vec3(q[0], q[1], q[2]), coordinate_max) or not (wp.abs(q[3]) < coordinate_max):
-            return
-        if not (logit > logit_min):  # no upper end: infinity is opacity 1
-            return
-
-        p = wp.transform_point(pose, mean)
-        if not (p[2] >= near):
-            return
-        if not (wp.dot(q, q) >= quaternion_min):
-            return
-        opacity = one / (one + wp.exp(-logit))
-        if not (opacity >= alpha_min):
-            return
-
-        inv_z = one / p[2]
-        x = p[0] * inv_z
-        y = p[1] * inv_z
-        if not (x * x + y * y < radius_max * radius_max):
-            return
-
-        # Jacobian of the pixel in camera coordinates, no further out than the margin.
-        xj = wp.clamp(x, lower[0], upper[0])
-        yj = wp.clamp(y, lower[1], upper[1])
-        d = distort_jacobian(xj, yj, coefficients)
-        dx = vec3(inv_z, zero, -xj * inv_z)
-        dy = vec3(zero, inv_z, -yj * inv_z)
-        row_u = f[0] * (d[0, 0] * dx + d[0, 1] * dy)
-        row_v = f[1] * (d[1, 0] * dx + d[1, 1] * dy)
-        uv = distort(x, y, coefficients)
-
-        # Rows of J W R S, whose Gram matrix is the projected covariance.
-        world = wp.transpose(mat33(
-            pose[0, 0], pose[0, 1], pose[0, 2],
-            pose[1, 0], pose[1, 1], pose[1, 2],
-            pose[2, 0], pose[2, 1], pose[2, 2],
-        ))  # fmt: skip
-        axes = wp.transpose(rotation_of(q))
-        scales = vec3(wp.exp(scale[0]), wp.exp(scale[1]), wp.exp(scale[2]))
-        a = wp.cw_mul(axes * (world * row_u), scales)
-        b = wp.cw_mul(axes * (world * row_v), scales)
-        a_even = vec3(zero, zero, zero)
-        b_even = vec3(zero, zero, zero)
-        if wp.static(unscented):
-            if x == xj and y == yj:
-                frame = axes * world
-                ray = vec2(x, y)
-                along_0 = spread(p, ray, uv, d, scales[0] * frame[0], coefficients, radius_max)
-                along_1 = spread(p, ray, uv, d, scales[1] * frame[1], coefficients, radius_max)
-                along_2 = spread(p, ray, uv, d, scales[2] * frame[2], coefficients, radius_max)
-                a = f[0] * vec3(along_0[0], along_1[0], along_2[0])
-                b = f[1] * vec3(along_0[1], along_1[1], along_2[1])
-                a_even = f[0] * vec3(along_0[2], along_1[2], along_2[2])
-                b_even = f[1] * vec3(along_0[3], along_1[3], along_2[3])
-
-        aa = wp.dot(a, a)
-        bb = wp.dot(b, b)
-        ab = wp.dot(a, b)
-        if wp.static(unscented):
-            aa += wp.dot(a_even, a_even)
-            bb += wp.dot(b_even, b_even)
-            ab += wp.dot(a_even, b_even)
-        if not (aa + bb < variance_max):
-            return
-        n = wp.cross(a, b)
-        area = wp.dot(n, n)
-        if wp.static(unscented):
-            n_even = wp.cross(a_even, b_even)
-            mixed = wp.outer(a, b_even) - wp.outer(b, a_even)
-            area += wp.dot(n_even, n_even) + wp.ddot(mixed, mixed)
-        det = area + low_pass * (aa + bb) + low_pass * low_pass
-        inv_det = one / det
-        var_x = aa + low_pass
-        var_y = bb + low_pass
-        inv_var_y = one / var_y
-        l11 = wp.sqrt(var_y * inv_det)
-        root = vec3(l11, -ab * inv_var_y * l11, wp.sqrt(inv_var_y))
-
-        if wp.static(antialias):
-            # The low-pass widens the splat; its opacity shrinks by the same ratio of areas. Below alpha_min
-            # it is culled here, before the root of a number that can be zero.
-            if not (opacity * opacity * area >= alpha_min_squared * det):
-                return
-            opacity = opacity * wp.sqrt(area * inv_det)
-
-        center = vec2(f[0] * uv[0] + f[2], f[1] * uv[1] + f[3])
-        if wp.static(unscented):
-            center += root_half * vec2(a_even[0] + a_even[1] + a_even[2], b_even[0] + b_even[1] + b_even[2])
-        centers[i] = center
-        depths[i] = p[2]
-        roots[i] = root
-        opacities[i] = opacity
-        if wp.static(circle):
-            mid = half * (var_x + var_y)
-            spread_of_variances = half * (var_x - var_y)
-            under_root = spread_of_variances * spread_of_variances + ab * ab
-            radius = circle_radius * wp.sqrt(mid + wp.sqrt(wp.max(under_root, circle_floor)))
-            extents[i] = vec2(radius, radius)
-        else:
-            # Half width and height of the ellipse on which alpha falls to alpha_min.
-            reach = wp.sqrt(two * wp.log(wp.max(opacity * inv_alpha_min, one)) + reach_guard)
-            extents[i] = vec2(reach * wp.sqrt(var_x), reach * wp.sqrt(var_y))
-        if wp.static(slopes):
-            # Depth of the largest response along a pixel's ray is linear in the pixel: the mean of z given
-            # the pixel, cov(z, pixel) times the inverse covariance.
-            along_z = wp.cw_mul(axes * vec3(pose[2, 0], pose[2, 1], pose[2, 2]), scales)
-            with_u = wp.dot(a, along_z)
-            with_v = wp.dot(b, along_z)
-            along_first = root[0] * with_u + root[1] * with_v
-            along_second = root[2] * with_v
-            depth_slopes[i] = vec2(root[0] * along_first, root[1] * along_first + root[2] * along_second)
+        begin = (wp.tid() + offset) * wp.static(columns.span)
+        end = wp.min(begin + wp.static(columns.span), count)
+        pose = poses[begin // wp.static(POSE_GROUP)]
+        f = intrinsics[begin // wp.static(POSE_GROUP)]
+        for first in range(begin, end, wp.static(size)):
+            lanes = wp.min(wp.static(size), end - first)
+            mean = load_vec3(means, first, lanes)
+            scale = load_vec3(log_scales, first, lanes)
+            q = load_vec4(quaternions, first, lanes)
+            logit = load_real(opacity_logits, first, lanes)
+            center = in_2(zero)
+            depth = in_1(zero)
+            root = in_3(zero)
+            extent = in_2(zero)
+            opacity = in_1(zero)
+            slope = in_2(zero)
+            for t in range(size):
+                x, y, z, root_t, o, slope_x, slope_y, variances, seen = splat(
+                    vec3(mean[0, t], mean[1, t], mean[2, t]),
+                    vec3(scale[0, t], scale[1, t], scale[2, t]),
+                    vec4(q[0, t], q[1, t], q[2, t], q[3, t]),
+                    logit[0, t],
+                    pose, f, coefficients, lower, upper, radius_max,
+                )  # fmt: skip
+                half_width, half_height = box(o, variances)
+                shown = seen != 0
+                center[0, t] = wp.where(shown, x, zero)
+                center[1, t] = wp.where(shown, y, zero)
+                depth[0, t] = wp.where(shown, z, zero)
+                root[0, t] = wp.where(shown, root_t[0], zero)
+                root[1, t] = wp.where(shown, root_t[1], zero)
+                root[2, t] = wp.where(shown, root_t[2], zero)
+                extent[0, t] = wp.where(shown, half_width, zero)
+                extent[1, t] = wp.where(shown, half_height, zero)
+                opacity[0, t] = wp.where(shown, o, zero)
+                if wp.static(kind.slopes):
+                    slope[0, t] = wp.where(shown, slope_x, zero)
+                    slope[1, t] = wp.where(shown, slope_y, zero)
+            store_vec2(centers, first, lanes, center)
+            store_real(depths, first, lanes, depth)
+            store_vec3(roots, first, lanes, root)
+            store_vec2(extents, first, lanes, extent)
+            store_real(opacities, first, lanes, opacity)
+            if wp.static(kind.slopes):
+                store_vec2(depth_slopes, first, lanes, slope)
 
     return project
 
 
+@cache
+def adjoint_kernel(kind: Projecting, columns: Columns) -> wp.Kernel:
+    """The kernel that pulls gradients back through one way of projecting."""
+    real, size = kind.real, columns.size
+    vec2, vec3, vec4, _, _, mat44 = types_of(real)
+    pulled = wp.grad(footprint(kind).weighted)
+    pairs, triples, quadruples, singles = (moves_of(dtype, size) for dtype in (vec2, vec3, vec4, real))
+    load_vec2, load_vec3, load_vec4, load_real = pairs.load, triples.load, quadruples.load, singles.load
+    store_vec3, store_vec4, store_real = triples.store, quadruples.store, singles.store
+    in_3, in_4, in_1 = (wp.types.matrix(shape=(length, size), dtype=real) for length in (3, 4, 1))
+    in_2 = wp.types.matrix(shape=(2, size), dtype=real)
+    camera = wp.types.matrix(shape=(16, size), dtype=real)
+    total = total_function(size, real)
+    zero = real(0.0)
+
+    @wp.kernel(module="unique", module_options=OPTIONS)
+    def project_adjoint(
+        offset: int,
+        count: int,
+        means: wp.array(dtype=vec3),
+        log_scales: wp.array(dtype=vec3),
+        quaternions: wp.array(dtype=vec4),
+        opacity_logits: wp.array(dtype=real),
+        poses: wp.array(dtype=mat44),
+        intrinsics: wp.array(dtype=vec4),
+        coefficients: vec4,
+        lower: vec2,
+        upper: vec2,
+        radius_max: real,
+        extents: wp.array(dtype=vec2),
+        adj_centers: wp.array(dtype=vec2),
+        adj_depths: wp.array(dtype=real),
+        adj_roots: wp.array(dtype=vec3),
+        adj_opacities: wp.array(dtype=real),
+        adj_depth_slopes: wp.array(dtype=vec2),
+        # outputs
+        adj_means: wp.array(dtype=vec3),
+        adj_log_scales: wp.array(dtype=vec3),
+        adj_quaternions: wp.array(dtype=vec4),
+        adj_opacity_logits: wp.array(dtype=real),
+        adj_poses: wp.array(dtype=mat44),
+        adj_intrinsics: wp.array(dtype=vec4),
+    ):
+        begin = (wp.tid() + offset) * wp.static(columns.span)
+        end = wp.min(begin + wp.static(columns.span), count)
+        group = begin // wp.static(POSE_GROUP)
+        pose = poses[group]
+        f = intrinsics[group]
+        of_camera = camera(zero)
+        for first in range(begin, end, wp.static(size)):
+            lanes = wp.min(wp.static(size), end - first)
+            mean = load_vec3(means, first, lanes)
+            scale = load_vec3(log_scales, first, lanes)
+            q = load_vec4(quaternions, first, lanes)
+            logit = load_real(opacity_logits, first, lanes)
+            extent = load_vec2(extents, first, lanes)
+            of_center = load_vec2(adj_centers, first, lanes)
+            of_depth = load_real(adj_depths, first, lanes)
+            of_root = load_vec3(adj_roots, first, lanes)
+            of_opacity = load_real(adj_opacities, first, lanes)
+            of_slope = in_2(zero)
+            if wp.static(kind.slopes):
+                of_slope = load_vec2(adj_depth_slopes, first, lanes)
+            g_mean = in_3(zero)
+            g_scale = in_3(zero)
+            g_q = in_4(zero)
+            g_logit = in_1(zero)
+            for t in range(size):
+                (
+                    d_mean, d_scale, d_q, d_logit, d_pose, d_f,
+                    _0, _1, _2, _3, _4, _5, _6, _7, _8, _9, _10,
+                ) = pulled(
+                    vec3(mean[0, t], mean[1, t], mean[2, t]),
+                    vec3(scale[0, t], scale[1, t], scale[2, t]),
+                    vec4(q[0, t], q[1, t], q[2, t], q[3, t]),
+                    logit[0, t],
+                    pose, f, coefficients, lower, upper, radius_max,
+                    of_center[0, t],
+                    of_center[1, t],
+                    of_depth[0, t],
+                    vec3(of_root[0, t], of_root[1, t], of_root[2, t]),
+                    of_opacity[0, t],
+                    of_slope[0, t],
+                    of_slope[1, t],
+                )  # fmt: skip
+                shown = extent[0, t] > zero
+                g_mean[0, t] = wp.where(shown, d_mean[0], zero)
+                g_mean[1, t] = wp.where(shown, d_mean[1], zero)
+                g_mean[2, t] = wp.where(shown, d_mean[2], zero)
+                g_scale[0, t] = wp.where(shown, d_scale[0], zero)
+                g_scale[1, t] = wp.where(shown, d_scale[1], zero)
+                g_scale[2, t] = wp.where(shown, d_scale[2], zero)
+                g_q[0, t] = wp.where(shown, d_q[0], zero)
+                g_q[1, t] = wp.where(shown, d_q[1], zero)
+                g_q[2, t] = wp.where(shown, d_q[2], zero)
+                g_q[3, t] = wp.where(shown, d_q[3], zero)
+                of_camera[0, t] += wp.where(shown, d_pose[0, 0], zero)
+                of_camera[1, t] += wp.where(shown, d_pose[0, 1], zero)
+                of_camera[2, t] += wp.where(shown, d_pose[0, 2], zero)
+                of_camera[3, t] += wp.where(shown, d_pose[0, 3], zero)
+                of_camera[4, t] += wp.where(shown, d_pose[1, 0], zero)
+                of_camera[5, t] += wp.where(shown, d_pose[1, 1], zero)
+                of_camera[6, t] += wp.where(shown, d_pose[1, 2], zero)
+                of_camera[7, t] += wp.where(shown, d_pose[1, 3], zero)
+                of_camera[8, t] += wp.where(shown, d_pose[2, 0], zero)
+                of_camera[9, t] += wp.where(shown, d_pose[2, 1], zero)
+                of_camera[10, t] += wp.where(shown, d_pose[2, 2], zero)
+                of_camera[11, t] += wp.where(shown, d_pose[2, 3], zero)
+                of_camera[12, t] += wp.where(shown, d_f[0], zero)
+                of_camera[13, t] += wp.where(shown, d_f[1], zero)
+                of_camera[14, t] += wp.where(shown, d_f[2], zero)
+                of_camera[15, t] += wp.where(shown, d_f[3], zero)
+                g_logit[0, t] = wp.where(shown, d_logit, zero)
+            store_vec3(adj_means, first, lanes, g_mean)
+            store_vec3(adj_log_scales, first, lanes, g_scale)
+            store_vec4(adj_quaternions, first, lanes, g_q)
+            store_real(adj_opacity_logits, first, lanes, g_logit)
+        g_pose = mat44(zero)
+        g_f = vec4(zero)
+        for c in range(4):
+            g_pose[0, wp.static(c)] = total(of_camera[wp.static(c)])
+            g_pose[1, wp.static(c)] = total(of_camera[wp.static(4 + c)])
+            g_pose[2, wp.static(c)] = total(of_camera[wp.static(8 + c)])
+            g_f[wp.static(c)] = total(of_camera[wp.static(12 + c)])
+        if adj_poses:
+            wp.atomic_add(adj_poses, group, g_pose)
+        if adj_intrinsics:
+            wp.atomic_add(adj_intrinsics, group, g_f)
+
+    return project_adjoint
+
+
 def project(kind: Projecting, count: int, inputs: list, outputs: list, *, device: object) -> None:
-    """Project `count` gaussians; outputs must hold zeros. Arguments as in the kernel, without slopes None."""
-    launch(projection_kernel(kind), count, inputs, outputs, device=device, work=4, align=POSE_GROUP)
+    """Project `count` gaussians. Arguments as in the kernel, without slopes None."""
+    columns = columns_for(device, calls=kind.calls)
+    launch(
+        projection_kernel(kind, columns), -(-count // columns.span), [count, *inputs], outputs,
+        device=device, work=columns.span,
+    )  # fmt: skip
 
 
 def project_adjoint(
-    kind: Projecting,
-    count: int,
-    inputs: list,
-    outputs: list,
-    adj_inputs: list,
-    adj_outputs: list,
-    *,
-    device: object,
-) -> None:
-    """Add the gradients of the inputs, given those of the outputs. Arguments as in the kernel."""
+    kind: Projecting, count: int, inputs: list, extents: wp.array, adj_outputs: list, adj_inputs: list,
+    *, device: object,
+) -> None:  # fmt: skip
+    """Write the gradients of the inputs, given those of the outputs.
+
+    Args:
+        kind, count, inputs: As in `project`.
+        extents: From `project`.
+        adj_outputs: Gradients of centers, depths, roots, opacities and depth_slopes.
+        adj_inputs: Gradients of means, log_scales, quaternions and opacity_logits, and, added to what is
+            there, of poses and intrinsics; each None if nobody wants it.
+    """
+    columns = columns_for(device, calls=kind.calls)
     launch(
-        projection_kernel(kind), count, inputs, outputs,
-        adj_inputs=adj_inputs, adj_outputs=adj_outputs, adjoint=True, device=device, work=8, align=POSE_GROUP,
+        adjoint_kernel(kind, columns), -(-count // columns.span), [count, *inputs, extents, *adj_outputs],
+        adj_inputs, device=device, work=2 * columns.span,
     )  # fmt: skip

@@ -75,8 +75,8 @@ def placement(lens_kind: str) -> Any:
         y = p[1] / p[2]
         if not (x * x + y * y < radius_max * radius_max):
             return nowhere
-        d = distort(x, y, coefficients)
-        return wp.vec3d(intrinsics[0] * d[0] + intrinsics[2], intrinsics[1] * d[1] + intrinsics[3], p[2])
+        u, v = distort(x, y, coefficients)
+        return wp.vec3d(intrinsics[0] * u + intrinsics[2], intrinsics[1] * v + intrinsics[3], p[2])
 
     return place
 

@@ -31,12 +31,12 @@ from diga3d_warp.kernels.precision import types_of
 def spread_function(lens_kind: str, real: Any) -> Any:
     """Warp function that sends one axis of a gaussian through the camera.
 
-    Its arguments: mean in camera space; its ray (x/z, y/z); where the lens puts that ray; the lens's Jacobian
-    there; the axis, one standard deviation long, in camera space; lens coefficients; `valid_radius`. Its
-    result is two columns of the Gram matrix's rows, in focal lengths: odd (x, y), then even (x, y). The mean
-    moves by the even column over sqrt(2).
+    Its arguments: mean in camera space; its ray (x/z, y/z); where the lens puts that ray; entries xx, xy and
+    yy of the lens's Jacobian there; the axis, one standard deviation long, in camera space; lens
+    coefficients; `valid_radius`. Its results are two columns of the Gram matrix's rows, in focal lengths: odd
+    x, y, then even x, y. The mean moves by the even column over sqrt(2).
     """
-    vec2, vec3, vec4, mat22, _, _ = types_of(real)
+    _, vec3, vec4, *_ = types_of(real)
     distort = lens_model(lens_kind, real).distort
     bent = lens_kind != "none"
     zero, half, one = real(0.0), real(0.5), real(1.0)
@@ -44,25 +44,42 @@ def spread_function(lens_kind: str, real: Any) -> Any:
     nearest = real(1.0 - SPLATTING.sigma_depth)
 
     @wp.func
-    def spread(mean: vec3, ray: vec2, seen: vec2, slope: mat22, axis: vec3, k: vec4, radius_max: real):
+    def spread(
+        mean: vec3, x: real, y: real, u: real, v: real, xx: real, xy: real, yy: real, axis: vec3, k: vec4,
+        radius_max: real,
+    ):  # fmt: skip
         h = widest
         if widest * wp.abs(axis[2]) > nearest * mean[2]:
             h = nearest * mean[2] / wp.abs(axis[2])
         step = h * axis
-        across = vec2(step[0] - ray[0] * step[2], step[1] - ray[1] * step[2])
-        ahead = across * (one / (mean[2] + step[2]))
-        back = across * (-one / (mean[2] - step[2]))
-        odd = slope * across * (one / (h * mean[2]))
-        even = vec2(zero, zero)
-        one_end = ray + ahead
-        other_end = ray + back
+        across_x = step[0] - x * step[2]
+        across_y = step[1] - y * step[2]
+        ahead = one / (mean[2] + step[2])
+        back = -one / (mean[2] - step[2])
+        ahead_x = across_x * ahead
+        ahead_y = across_y * ahead
+        back_x = across_x * back
+        back_y = across_y * back
+        slope = one / (h * mean[2])
+        odd_x = (xx * across_x + xy * across_y) * slope
+        odd_y = (xy * across_x + yy * across_y) * slope
+        even_x = zero
+        even_y = zero
         limit = radius_max * radius_max
-        if wp.dot(one_end, one_end) < limit and wp.dot(other_end, other_end) < limit:
+        one_end = (x + ahead_x) * (x + ahead_x) + (y + ahead_y) * (y + ahead_y)
+        other_end = (x + back_x) * (x + back_x) + (y + back_y) * (y + back_y)
+        if one_end < limit and other_end < limit:
             if wp.static(bent):
-                ahead = distort(one_end[0], one_end[1], k) - seen
-                back = distort(other_end[0], other_end[1], k) - seen
-            odd = (ahead - back) * (half / h)
-            even = (ahead + back) * even_scale
-        return vec4(odd[0], odd[1], even[0], even[1])
+                one_u, one_v = distort(x + ahead_x, y + ahead_y, k)
+                other_u, other_v = distort(x + back_x, y + back_y, k)
+                ahead_x = one_u - u
+                ahead_y = one_v - v
+                back_x = other_u - u
+                back_y = other_v - v
+            odd_x = (ahead_x - back_x) * (half / h)
+            odd_y = (ahead_y - back_y) * (half / h)
+            even_x = (ahead_x + back_x) * even_scale
+            even_y = (ahead_y + back_y) * even_scale
+        return odd_x, odd_y, even_x, even_y
 
     return spread

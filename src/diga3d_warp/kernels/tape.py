@@ -18,7 +18,8 @@ Invariants
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -36,8 +37,8 @@ from diga3d_warp.kernels import normals as facing
 from diga3d_warp.kernels import ssim as similarity
 from diga3d_warp.kernels.binning import bin_gaussians
 from diga3d_warp.kernels.blending import Blending
+from diga3d_warp.kernels.footprint import Projecting
 from diga3d_warp.kernels.precision import precision_of, types_of
-from diga3d_warp.kernels.projection import Projecting
 
 STANDARD = Blending()
 
@@ -120,11 +121,11 @@ def project(
     projection.project(kind, count, inputs, list(splats), device=device)
 
     def adjoint() -> None:
-        projection.project_adjoint(
-            kind, count, inputs, list(splats),
-            [*(array.grad for array in arrays), types.vec4(), types.vec2(), types.vec2(), 0.0],
-            [array.grad if array is not None else None for array in splats], device=device,
-        )  # fmt: skip
+        moved = [splats.centers, splats.depths, splats.roots, splats.opacities, splats.depth_slopes]
+        given = [array.grad if array is not None else None for array in moved]
+        with _added_to(arrays) as gradients:
+            projection.project_adjoint(kind, count, inputs, splats.extents, given, gradients, device=device)
+        _use_up([array for array in splats if array is not None])
 
     _record(tape, adjoint, [*arrays, *(array for array in splats if array is not None)])
     return splats
@@ -144,22 +145,19 @@ def shade(
         extents: From `project`.
     """
     device, count = means.device, means.size
-    arrays = [means, sh, eyes, extents]
+    arrays = [means, _flat(sh), eyes, extents]
     colors = wp.zeros(count, dtype=means.dtype, device=device, requires_grad=True)
     precision = precision_of(means)
-    harmonics.shade(degree, count, arrays, [colors], device=device, precision=precision)
+    harmonics.shade(degree, count, sh.shape[1], arrays, [colors], device=device, precision=precision)
 
     def adjoint() -> None:
-        harmonics.shade_adjoint(
-            degree,
-            count,
-            arrays,
-            [colors],
-            [means.grad, sh.grad, eyes.grad, None],
-            [colors.grad],
-            device=device,
-            precision=precision,
-        )
+        with _added_to([means, sh, eyes]) as (of_means, of_sh, of_eyes):
+            harmonics.shade_adjoint(
+                degree, count, sh.shape[1], [*arrays[:3], colors, colors.grad],
+                [of_means, _flat(of_sh) if of_sh is not None else None, of_eyes],
+                device=device, precision=precision,
+            )  # fmt: skip
+        _use_up([colors])
 
     _record(tape, adjoint, [means, sh, eyes, colors])
     return colors
@@ -183,10 +181,11 @@ def orient(
     facing.orient(count, arrays, [directions], device=device, precision=precision)
 
     def adjoint() -> None:
-        facing.orient_adjoint(
-            count, arrays, [directions], [None, None, quaternions.grad, poses.grad, None], [directions.grad],
-            device=device, precision=precision,
-        )  # fmt: skip
+        with _added_to([quaternions, poses]) as gradients:
+            facing.orient_adjoint(
+                count, [*arrays, directions.grad], gradients, device=device, precision=precision
+            )
+        _use_up([directions])
 
     _record(tape, adjoint, [quaternions, poses, directions])
     return directions
@@ -300,6 +299,16 @@ def _record(tape: wp.Tape, adjoint: Callable[[], None], arrays: Sequence[wp.arra
     tape.record_func(adjoint, [array for array in arrays if array.requires_grad and array.size > 0])
 
 
+@contextmanager
+def _added_to(arrays: Sequence[wp.array]) -> Iterator[list[wp.array | None]]:
+    """Where an adjoint that writes may write, added to the gradients after; None for an input without one."""
+    written = [wp.zeros_like(array.grad) if array.requires_grad else None for array in arrays]
+    yield written
+    for array, gradient in zip(arrays, written, strict=True):
+        if gradient is not None:
+            wp.map(wp.add, array.grad, gradient, out=array.grad)
+
+
 def _gradient(array: wp.array) -> wp.array:
     """Where to add a gradient; a scratch array for an input that keeps none."""
     return array.grad if array.requires_grad else wp.zeros_like(array)
@@ -310,6 +319,7 @@ def _use_up(outputs: Sequence[wp.array]) -> None:
         array.grad.zero_()
 
 
-def _flat(image: wp.array) -> wp.array:
-    """The floats of a contiguous array of 3-vectors, not copied: use them while `image` lives."""
-    return wp.array(ptr=image.ptr, shape=3 * image.size, dtype=float, device=image.device)
+def _flat(vectors: wp.array) -> wp.array:
+    """The numbers of a contiguous array of 3-vectors, not copied: use them while `vectors` lives."""
+    real = vectors.dtype._wp_scalar_type_
+    return wp.array(ptr=vectors.ptr, shape=3 * vectors.size, dtype=real, device=vectors.device)

@@ -14,8 +14,8 @@ import math
 import warp as wp
 
 from diga3d_warp.config import SPLATTING
+from diga3d_warp.kernels.footprint import rotation_function
 from diga3d_warp.kernels.launch import OPTIONS, launch
-from diga3d_warp.kernels.projection import rotation_function
 
 wp.set_module_options(OPTIONS)
 

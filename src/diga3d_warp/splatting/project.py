@@ -9,10 +9,10 @@ import warp as wp
 
 from diga3d_warp.config import POSE_GROUP, Accuracy, Effects
 from diga3d_warp.kernels import projection
+from diga3d_warp.kernels.footprint import Projecting
 from diga3d_warp.kernels.precision import types_of
-from diga3d_warp.kernels.projection import Projecting
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.splatting.arrays import device_of, like, warp_array, warp_arrays
+from diga3d_warp.splatting.arrays import device_of, warp_array, warp_arrays
 from diga3d_warp.splatting.optics import Optics, optics_of
 
 
@@ -112,29 +112,32 @@ class _Project(torch.autograd.Function):
         )
         count = len(means)
         tails = [(2,), (), (3,), (2,), (), *([(2,)] if kind.slopes else [])]
-        outputs = tuple(means.new_zeros((count, *tail)) for tail in tails)
+        outputs = tuple(means.new_empty((count, *tail)) for tail in tails)
         projection.project(
             kind, count, _arguments(inputs, optics, kind), _outputs(outputs, kind), device=device_of(means)
         )
-        ctx.save_for_backward(*inputs, *outputs)
+        ctx.save_for_backward(*inputs, outputs[3])
         ctx.optics, ctx.kind = optics, kind
         ctx.mark_non_differentiable(outputs[3])
         return outputs
 
     @staticmethod
     def backward(ctx, *adj_given):
-        inputs, outputs = ctx.saved_tensors[:6], ctx.saved_tensors[6:]
-        adj_inputs = tuple(torch.zeros_like(tensor) for tensor in inputs)
-        adj_outputs = [like(grad, output) for grad, output in zip(adj_given, outputs, strict=True)]
+        *inputs, extents = ctx.saved_tensors
+        of_gaussians, of_camera = inputs[:4], inputs[4:]
+        adj_inputs = (*map(torch.empty_like, of_gaussians), *map(torch.zeros_like, of_camera))
+        adj_outputs = [adj_given[k].contiguous() for k in (0, 1, 2, 4)]
         types = types_of(ctx.kind.real)
+        dtypes = (types.vec2, ctx.kind.real, types.vec3, ctx.kind.real)
+        adj_slopes = warp_array(adj_given[5].contiguous(), types.vec2) if ctx.kind.slopes else None
         projection.project_adjoint(
             ctx.kind,
-            len(inputs[0]),
+            len(extents),
             _arguments(inputs, ctx.optics, ctx.kind),
-            _outputs(outputs, ctx.kind),
-            [*warp_arrays(adj_inputs, _input_types(ctx.kind)), types.vec4(), types.vec2(), types.vec2(), 0.0],
-            _outputs(adj_outputs, ctx.kind),
-            device=device_of(inputs[0]),
+            warp_array(extents, types.vec2),
+            [*warp_arrays(adj_outputs, dtypes), adj_slopes],
+            warp_arrays(adj_inputs, _input_types(ctx.kind)),
+            device=device_of(extents),
         )
         return *adj_inputs, None, None
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import torch
-import warp as wp
 
 from diga3d_warp.kernels import harmonics
-from diga3d_warp.kernels.precision import Types, types_of
+from diga3d_warp.kernels.precision import types_of
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.splatting.arrays import REALS, device_of, like, precision_of, warp_array, warp_arrays
+from diga3d_warp.splatting.arrays import REALS, device_of, precision_of, warp_array, warp_arrays
 from diga3d_warp.splatting.project import group_count
 
 MAX_DEGREE = 3
@@ -56,33 +55,30 @@ class _Shade(torch.autograd.Function):
     @staticmethod
     def forward(ctx, means, sh, eyes, extents, degree: int):
         inputs = tuple(tensor.detach().contiguous() for tensor in (means, sh, eyes, extents))
-        colors = torch.zeros_like(inputs[0])
-        types = types_of(REALS[colors.dtype])
+        colors = torch.empty_like(inputs[0])
+        real = REALS[colors.dtype]
+        vec2, vec3 = types_of(real)[:2]
+        flat = (inputs[0], inputs[1].view(-1), *inputs[2:])
         harmonics.shade(
-            degree, len(means), _arrays(inputs, types), [warp_array(colors, types.vec3)],
-            device=device_of(means), precision=precision_of(colors),
+            degree, len(means), sh.shape[1], warp_arrays(flat, (vec3, real, vec3, vec2)),
+            [warp_array(colors, vec3)], device=device_of(means), precision=precision_of(colors),
         )  # fmt: skip
-        ctx.save_for_backward(*inputs, colors)
+        ctx.save_for_backward(*inputs[:3], colors)
         ctx.degree = degree
         return colors
 
     @staticmethod
     def backward(ctx, adj_colors):
-        *inputs, colors = ctx.saved_tensors
-        adj_means, adj_sh, adj_eyes = (torch.zeros_like(tensor) for tensor in inputs[:3])
-        types = types_of(REALS[colors.dtype])
+        means, sh, eyes, colors = ctx.saved_tensors
+        terms = coefficient_count(ctx.degree)
+        fresh = torch.empty_like if sh.shape[1] == terms else torch.zeros_like
+        gradients = (torch.empty_like(means), fresh(sh), torch.zeros_like(eyes))
+        real = REALS[colors.dtype]
+        vec3 = types_of(real).vec3
+        given = (means, sh.view(-1), eyes, colors, adj_colors.contiguous())
+        wanted = (gradients[0], gradients[1].view(-1), gradients[2])
         harmonics.shade_adjoint(
-            ctx.degree,
-            len(colors),
-            _arrays(inputs, types),
-            [warp_array(colors, types.vec3)],
-            [*warp_arrays((adj_means, adj_sh, adj_eyes), [types.vec3] * 3), None],
-            [warp_array(like(adj_colors, colors), types.vec3)],
-            device=device_of(colors),
-            precision=precision_of(colors),
-        )
-        return adj_means, adj_sh, adj_eyes, None, None
-
-
-def _arrays(inputs, types: Types) -> list[wp.array]:
-    return warp_arrays(inputs, (types.vec3, types.vec3, types.vec3, types.vec2))
+            ctx.degree, len(colors), sh.shape[1], warp_arrays(given, (vec3, real, vec3, vec3, vec3)),
+            warp_arrays(wanted, (vec3, real, vec3)), device=device_of(colors), precision=precision_of(colors),
+        )  # fmt: skip
+        return *gradients, None, None
