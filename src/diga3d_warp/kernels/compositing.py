@@ -48,7 +48,7 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
     vec = wp.types.vector(size, real)
     read, write, *_ = cells_of(vec)
     unit, response, clipped, survives, features = rules(blending)
-    aligned, find_places = aligned_function(vec), places_function(lanes, real)
+    aligned, places = aligned_function(vec), places_function(lanes, real)
     reached = reached_function(blending, lanes)
     fetch = fetch_function(blending)
 
@@ -89,11 +89,13 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
         live = int(0)
         for block in range(wp.static(blocks)):
             write(T, block, vec(real(1.0)))
+            x_b, y_b = places(block)
+            write(xs, block, x_b)
+            write(ys, block, y_b)
             inside = (x0 + (block % across) * width < image_width) and (
                 y0 + (block // across) * height < image_height
             )
             live = live | (wp.where(inside, 1, 0) << block)
-        find_places(xs, ys)
 
         start = starts[tile]
         last = starts[tile + 1] - 1

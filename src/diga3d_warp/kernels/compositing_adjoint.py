@@ -49,7 +49,7 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
     row_of = gradient_row(blending)
     claim_row = cells_of(row_of).claim
     unit, response, clipped, survives, features = rules(blending)
-    aligned, find_places = aligned_function(vec), places_function(lanes, real)
+    aligned, places = aligned_function(vec), places_function(lanes, real)
     reached = reached_function(blending, lanes)
     fetch = fetch_function(blending)
     total = total_function(size, real)
@@ -95,10 +95,12 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
         g_median = wp.zeros(shape=wp.static(blocks if blending.median else 1), dtype=vec)
         xs = aligned(wp.zeros(shape=wp.static(blocks + 1), dtype=vec))
         ys = aligned(wp.zeros(shape=wp.static(blocks + 1), dtype=vec))
-        find_places(xs, ys)
         inside = int(0)
         for block in range(wp.static(blocks)):
             write(T, block, vec(real(1.0)))
+            x_b, y_b = places(block)
+            write(xs, block, x_b)
+            write(ys, block, y_b)
             R_b = vec(real(0.0))
             for q in range(size):
                 x = x0 + (block % across) * width + q % width

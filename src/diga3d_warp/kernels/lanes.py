@@ -76,26 +76,23 @@ def lanes_of(device: wp.Device, blending: Blending) -> Lanes:
 
 @cache
 def places_function(lanes: Lanes, real: Any) -> Any:
-    """Warp function: where pixels lie in their region [px], x and y, each an array of one vector a block.
+    """Warp function: x and y of a block's pixels in their region [px], a vector each.
 
-    Read from memory they cost a block two instructions; to compute them takes ten.
+    Kept in arrays and read, they cost a block two instructions; to compute them takes ten.
     """
     width, height, across, size = lanes.block_width, lanes.block_height, lanes.across, lanes.size
     vec = wp.types.vector(size, real)
-    write = cells_of(vec).write
 
     @wp.func
-    def find_places(xs: wp.array(dtype=vec), ys: wp.array(dtype=vec)):
-        for block in range(wp.static(lanes.blocks)):
-            x = vec(real(0.0))
-            y = vec(real(0.0))
-            for q in range(size):
-                x[q] = real((block % across) * width + q % width)
-                y[q] = real((block // across) * height + q // width)
-            write(xs, block, x)
-            write(ys, block, y)
+    def places(block: int):
+        x = vec(real(0.0))
+        y = vec(real(0.0))
+        for q in range(size):
+            x[q] = real((block % across) * width + q % width)
+            y[q] = real((block // across) * height + q // width)
+        return x, y
 
-    return find_places
+    return places
 
 
 LOWEST_BIT = """
