@@ -10,7 +10,6 @@ from dataclasses import dataclass
 GEOMETRY = "hard_cases/test_geometry.py::"
 BLENDING = "hard_cases/test_blending.py::"
 FLOAT64 = "hard_cases/test_against_float64.py::test_image_and_gradients"
-THREADS = "hard_cases/test_threads.py::"
 POISON = "hard_cases/test_poison.py::test_a_poisoned_gaussian_changes_nothing_for_the_others"
 DIBR = "hard_cases/test_dibr.py::"
 FITS = "hard_cases/test_fits.py::"
@@ -383,7 +382,7 @@ CASES = (
         (
             Guard(COLUMNS, "CPU_COLUMNS = Columns(POSE_GROUP, 16)",
                 "CPU_COLUMNS = Columns(POSE_GROUP // 8, 16)",
-                THREADS + "test_bits_do_not_depend_on_which_part_runs_first"),
+                "kernels/test_projection.py::test_bits_do_not_depend_on_the_number_of_threads"),
         ),
         ("config.POSE_GROUP",),
     ),
