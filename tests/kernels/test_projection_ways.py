@@ -67,6 +67,32 @@ def test_values_and_gradients_agree_in_float64(footprint, lens):
         assert (mine - truth).norm() / truth.norm() < 1e-6, name
 
 
+@pytest.mark.parametrize("extras", [False, True])
+@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("footprint", FOOTPRINTS)
+def test_side_by_side_in_float32_is_one_by_one_in_float64(footprint, lens, extras):
+    """One is vector code and the other is not: what a compiler does wrong in one of them shows."""
+    sums, gradients = [], []
+    for precision in ("float32", "float64"):
+        leaves, camera = scene(150, lens)
+        accuracy = Accuracy(footprint=footprint, precision=precision, pixel_order=extras)
+        splats = projected(leaves, camera, accuracy, Effects(antialias=extras))
+        tame = (splats.extents[:, 0] > 0) & (splats.depths > 0.3)
+        parts = [part.double()[tame] for part in splats if part is not None]
+        sums.append(parts)
+        weights = torch.Generator().manual_seed(3)
+        total = sum(
+            (part * torch.rand(part.shape, generator=weights)).sum() for part in (*parts[:3], *parts[4:])
+        )
+        gradients.append([gradient.double() for gradient in torch.autograd.grad(total, list(leaves.values()))])
+    assert len(sums[0]) == 5 + extras and len(sums[0][0]) > 50
+    for mine, truth in zip(*sums, strict=True):
+        assert (mine - truth).norm() < 1e-5 * truth.norm()
+    for name, mine, truth in zip(leaves, *gradients, strict=True):
+        assert truth.norm() > 0.1
+        assert (mine - truth).norm() < 1e-4 * truth.norm(), name
+
+
 @pytest.mark.parametrize("lens", ["none", "brown"])
 @pytest.mark.parametrize("footprint", FOOTPRINTS)
 def test_gradcheck(footprint, lens):
