@@ -84,7 +84,9 @@ def test_side_by_side_in_float32_is_one_by_one_in_float64(footprint, lens, extra
         total = sum(
             (part * torch.rand(part.shape, generator=weights)).sum() for part in (*parts[:3], *parts[4:])
         )
-        gradients.append([gradient.double() for gradient in torch.autograd.grad(total, list(leaves.values()))])
+        gradients.append(
+            [gradient.double() for gradient in torch.autograd.grad(total, list(leaves.values()))]
+        )
     assert len(sums[0]) == 5 + extras and len(sums[0][0]) > 50
     for mine, truth in zip(*sums, strict=True):
         assert (mine - truth).norm() < 1e-5 * truth.norm()

@@ -23,6 +23,13 @@ LOG_DEGREE = 9
 EXP_RANGE = (-87.0, 88.0)
 """Where the exponential is a normal float32; it is constant outside."""
 
+REDUCED = """
+#ifndef __CUDA_ARCH__
+#pragma clang fp reassociate(off)
+#endif
+return (x - k * coarse) - k * fine;
+"""
+
 POWER_OF_TWO = """
 #ifdef __CUDA_ARCH__
 return __int_as_float((k + 127) << 23);
@@ -43,6 +50,11 @@ __builtin_memcpy(&bits, &x, sizeof(bits));
 return bits;
 #endif
 """
+
+
+@wp.func_native(REDUCED)
+def reduced(x: float, k: float, coarse: float, fine: float) -> float:
+    """x - k (coarse + fine), where the sum has more digits than a float32 holds."""
 
 
 @wp.func_native(POWER_OF_TWO)
@@ -86,7 +98,7 @@ def exp_function(real: Any) -> Any:
         x = wp.where(x > wp.static(lowest), x, wp.static(lowest))
         x = wp.where(x < wp.static(highest), x, wp.static(highest))
         k = wp.floor(x * wp.static(1.0 / math.log(2.0)) + 0.5)
-        r = (x - k * wp.static(coarse)) - k * wp.static(fine)
+        r = reduced(x, k, wp.static(coarse), wp.static(fine))
         p = float(wp.static(terms[EXP_DEGREE]))
         for j in range(EXP_DEGREE):  # a constant that names j unrolls the loop
             p = p * r + wp.static(terms[EXP_DEGREE - 1 - j])
