@@ -16,7 +16,7 @@ from pathlib import Path
 from diga3d_warp.bench.page import lines, require_plots, write_page
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.tables import Table
-from diga3d_warp.process import tune_process
+from diga3d_warp.process import give_memory_back, tune_process
 
 COUNTS = (10_000, 30_000, 120_000, 400_000, 1_000_000)
 """Gaussians, at 648 x 420 px."""
@@ -156,6 +156,7 @@ def measure(count: int, width: int, height: int, repeats: int) -> Size:
     from diga3d_warp.splatting.attribution import shares
 
     Bench(Garden(count=100, width=32, height=32)).stages(1)  # load kernels and libraries
+    give_memory_back()  # of a compiler that may have run
     reset_peak()
     before = peak_mib()
     garden = Garden(count=count, width=width, height=height)
