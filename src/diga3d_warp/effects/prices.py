@@ -14,6 +14,7 @@ from diga3d_warp.gaussians.exposure import IDENTITY, exposed
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.render import render
+from diga3d_warp.splatting.shade import coefficient_count
 
 PRICED = ("sh_degree", "lens", "antialias", "depth", "median_depth", "normals", "exposure", "background")
 """Effects that change what a step computes, in the order in which they are timed.
@@ -48,11 +49,12 @@ def training_step(gaussians: Gaussians, camera: Camera, effects: Effects) -> Cal
     """A function that renders an image and its gradient as a step of `fit` does, without loss and Adam.
 
     Args:
-        gaussians: Rendered; not changed.
+        gaussians: Rendered; not changed. Coefficients of harmonics that the effects leave out are not held.
         camera: Of the image.
         effects: What is simulated; exposure as a transform that has a gradient itself.
     """
-    parameters = gaussians.detached().requires_grad_()
+    kept = gaussians.sh[:, : coefficient_count(effects.sh_degree)]
+    parameters = replace(gaussians, sh=kept).detached().requires_grad_()
     transform = IDENTITY.clone().requires_grad_()
     pull = torch.ones(camera.height, camera.width, 3)
 
