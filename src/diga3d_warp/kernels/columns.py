@@ -5,7 +5,8 @@ turns their rows into the columns of a matrix, whose rows then are vectors, comp
 lanes, and turns the results back into rows.
 
 Invariants
-- Lanes beyond the last gaussian are zero when loaded, and not stored.
+- Lanes beyond the last gaussian are zero in a matrix that was loaded, and what they were in a table; neither
+  is stored.
 - A lane loop has no branch and calls no library, so that the compiler turns it into vector instructions.
 """
 
