@@ -109,11 +109,12 @@ class Footprint(NamedTuple):
 
     Attributes:
         splat: (mean, log_scale, quaternion, opacity_logit, pose, intrinsics, coefficients, lower, upper,
-            radius_max) -> (center, depth, root, opacity, depth_slope, variances (xx, yy, xy), seen).
-            `seen` is 0 if a guard fails, else 1.
-        box: (opacity, variances) -> extent. Carries no gradient.
-        weighted: The arguments of `splat`, then weights of center, depth, root, opacity and depth_slope ->
-            the weighted sum. Its derivative pulls gradients of a splat back to the gaussian and the camera.
+            radius_max) -> center x, y; depth; root; opacity; depth slope x, y; variances (xx, yy, xy); seen,
+            which is 0 if a guard fails, else 1.
+        box: (opacity, variances) -> extent x, y. Carries no gradient.
+        weighted: The arguments of `splat`, then weights of center x, y, depth, root, opacity and depth slope
+            x, y -> the weighted sum. Its derivative pulls gradients of a splat back to the gaussian and the
+            camera.
     """
 
     splat: Any
