@@ -24,10 +24,6 @@ def projection_kernel(kind: Projecting):
     return projection.projection_kernel(kind, CUDA_COLUMNS)
 
 
-def harmonics_kernel(degree: int, precision: str = "float32"):
-    return harmonics.harmonics_kernel(degree, CUDA_COLUMNS, precision)
-
-
 @pytest.mark.parametrize("name", EXTRAS)
 def test_a_projection_holds_only_what_is_asked_for(name, cuda_code):
     kind, piece = EXTRAS[name]
@@ -51,8 +47,10 @@ def test_all_at_once_compiles(cuda_code):
     assert "wp::float64" in cuda_code(normals_kernel(CUDA_COLUMNS, "float64"))
 
 
-def test_harmonics_hold_only_the_terms_of_their_degree(cuda_code):
-    lengths = [len(cuda_code(harmonics_kernel(degree))) for degree in range(4)]
-    assert lengths == sorted(set(lengths))
-    flat = cuda_code(harmonics_kernel(0))
-    assert "wp::sqrt(" not in flat and "wp::sqrt(" in cuda_code(harmonics_kernel(1, "float64"))
+@pytest.mark.parametrize("kernel_of", [harmonics.harmonics_kernel, harmonics.adjoint_kernel])
+def test_harmonics_hold_only_the_terms_of_their_degree(kernel_of, cuda_code):
+    """Each degree has a constant that no lower one needs."""
+    codes = [cuda_code(kernel_of(degree, CUDA_COLUMNS, "float64")) for degree in range(4)]
+    for least, constant in enumerate((harmonics.C0, harmonics.C1, harmonics.C2[2], harmonics.C3[1])):
+        assert [str(constant) in code for code in codes] == [degree >= least for degree in range(4)]
+    assert "wp::sqrt(" not in codes[0] and "wp::sqrt(" in codes[1]
