@@ -46,7 +46,7 @@ OUTSIDE = ("exposure", "background")
 """Effects that torch adds to the finished image: no kernel knows of them."""
 
 TIMED = Garden(count=30_000, width=324, height=210)
-"""A quarter of the garden-like scene: a step takes some 50 ms, so that many repeats fit into a minute."""
+"""A quarter of the garden-like scene: a step takes some 30 ms, so that many repeats fit into a minute."""
 
 SECONDS = 60.0
 """Most time that the repeats take; the kernels are compiled before."""

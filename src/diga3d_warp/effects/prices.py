@@ -19,7 +19,7 @@ from diga3d_warp.splatting.shade import coefficient_count
 PRICED = ("sh_degree", "lens", "antialias", "depth", "median_depth", "normals", "exposure", "background")
 """Effects that change what a step computes, in the order in which they are timed.
 
-Pixel order is not among them: a step with it takes 25 times as long (`diga3d bench effects`), longer than all
+Pixel order is not among them: a step with it takes 50 times as long (`diga3d bench effects`), longer than all
 others together."""
 
 SECONDS = 1.0
