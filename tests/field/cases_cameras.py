@@ -1,0 +1,1 @@
+"""Cases of camera files: lens, poses, sizes, text."""

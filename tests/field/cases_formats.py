@@ -1,0 +1,1 @@
+"""Cases of splat and point cloud files."""

@@ -1,0 +1,1 @@
+"""Cases of masks, orientation and photographs."""
