@@ -1,4 +1,4 @@
-"""Fit gaussians to images: Adam on (1 - 0.2) L1 + 0.2 D-SSIM, and on depth where known (paper Sec. 3)."""
+"""Fit gaussians to images: Adam on (1 - 0.2) L1 + 0.2 D-SSIM, and on depth where known (paper Sec. 3.5)."""
 
 from __future__ import annotations
 

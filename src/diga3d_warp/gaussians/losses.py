@@ -13,7 +13,7 @@ FLAT = 1e-6
 def photometric_loss(
     color: torch.Tensor, wanted: torch.Tensor, weight: torch.Tensor | None, ssim_weight: float
 ) -> torch.Tensor:
-    """(1 - w) L1 + w (1 - SSIM) over the trusted pixels (paper Sec. 3.5, L_rgb), a scalar.
+    """(1 - w) L1 + w (1 - SSIM) over the trusted pixels (paper Eq. 7), a scalar.
 
     Args:
         color: Rendered RGB, shape (H, W, 3).
@@ -30,7 +30,7 @@ def photometric_loss(
 def depth_loss(
     depth: torch.Tensor, wanted: torch.Tensor, weight: torch.Tensor | None, *, aligned: bool = False
 ) -> torch.Tensor:
-    """L1 of depth over the mean wanted depth, where that is known (paper Eq. 7), a scalar.
+    """L1 of depth over the mean wanted depth, where that is known (paper Eq. 8), a scalar.
 
     The gradient reaches `depth`. Zero, without gradient, where nothing is known.
 

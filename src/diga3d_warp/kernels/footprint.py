@@ -1,4 +1,4 @@
-"""Footprint: what a 3D gaussian becomes in the image (EWA, Zwicker et al. 2001; paper Sec. 3, Preliminary).
+"""Footprint: what a 3D gaussian becomes in the image (EWA, Zwicker et al. 2001; paper Sec. 3.1).
 
 One function of one gaussian; `projection` runs it, and the derivative that Warp finds for it, over all.
 

@@ -1,4 +1,4 @@
-"""Retexture by free text: a diffusion prior repaints the object in all views (paper Sec. 3.2)."""
+"""Retexture by free text: a diffusion prior repaints the object in all views (paper Sec. 3.3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Monocular depth, aligned to the scene (paper Sec. 3.4), and depth as a ControlNet takes it."""
+"""Monocular depth, aligned to the scene (paper Sec. 3.5), and depth as a ControlNet takes it."""
 
 from __future__ import annotations
 

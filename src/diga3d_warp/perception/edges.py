@@ -1,4 +1,4 @@
-"""Texture maps: the edges that a ControlNet follows (paper Sec. 3.3)."""
+"""Texture maps: the edges that a ControlNet follows (paper Sec. 3.4)."""
 
 from __future__ import annotations
 

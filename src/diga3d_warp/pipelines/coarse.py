@@ -1,4 +1,4 @@
-"""The coarse stage (paper Sec. 3.2): references filled, the other views made to agree, the hole fitted."""
+"""The coarse stage (paper Sec. 3.3): references filled, the other views made to agree, the hole fitted."""
 
 from __future__ import annotations
 

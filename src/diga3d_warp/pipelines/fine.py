@@ -1,4 +1,4 @@
-"""The fine stage (paper Sec. 3.3): score distillation under texture and depth warped from the references."""
+"""The fine stage (paper Sec. 3.4): score distillation under texture and depth warped from the references."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def imagine(
     references: References,
     words: FreeText,
 ) -> list[np.ndarray]:
-    """The coarse images: every view with the new object where the old one's mask is (paper Sec. 3.2).
+    """The coarse images: every view with the new object where the old one's mask is (paper Sec. 3.3).
 
     Sampling starts from the inverted views with the old object, so the new one takes over its pose and light.
     It follows no edges and no depth: they would be the old object's. Around the mask the images show the
@@ -107,7 +107,7 @@ def measure(
     cleared: Gaussians,
     estimator: DepthEstimator | None,
 ) -> list[Imagined]:
-    """Depth of the coarse images: estimated and aligned to the scene around (paper Sec. 3.4).
+    """Depth of the coarse images: estimated and aligned to the scene around (paper Sec. 3.5).
 
     Without an estimator, or where its estimate contradicts the scene, the old object's depth is the first
     guess, and no depth is asked of the new one.

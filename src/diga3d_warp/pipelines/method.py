@@ -24,12 +24,12 @@ class Method:
         references: Number K of references. Paper: 3.
         selection: "kmeans", or "random" to compare.
         propagation: How the other views come to agree with the references: by "attention" (AFP, paper
-            Sec. 3.2), by "warp" (the references' fill carried by its depth), or with "none" each view,
+            Sec. 3.3), by "warp" (the references' fill carried by its depth), or with "none" each view,
             references too, is filled for itself.
         afp_weight: lambda_a of "attention" (Eq. 4) [1].
         sampling: Of the other views under "attention" and "none"; None for what suits the prior. Below full
             strength they start from the warped fill, but for "none".
-        distillation: TG-SDS (paper Sec. 3.3); None leaves the fine stage out.
+        distillation: TG-SDS (paper Sec. 3.4); None leaves the fine stage out.
     """
 
     references: int = 3

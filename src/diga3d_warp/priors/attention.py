@@ -1,6 +1,6 @@
 """Attention feature propagation (AFP): views attend to the keys and values of reference views.
 
-Paper Sec. 3.2, Eq. 3 and 4. A bank holds what references left at one timestep; priors pass each of their
+Paper Sec. 3.3, Eq. 3 and Eq. 4. A bank holds what references left at one timestep; priors pass each of their
 self-attentions through `AttentionBank.attend`, whatever attention is to them.
 """
 

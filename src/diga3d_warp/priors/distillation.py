@@ -1,4 +1,4 @@
-"""Texture-geometry score distillation (TG-SDS, paper Sec. 3.3).
+"""Texture-geometry score distillation (TG-SDS, paper Sec. 3.4).
 
 The gradient that a diffusion prior gives to rendered images: w(t) (estimated noise - added noise), under
 edges and depth warped from the reference views, on masked pixels only.
@@ -117,7 +117,7 @@ def distillation_loss(
     generator: torch.Generator,
     known: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """A scalar whose gradient is that of score distillation (Eq. 2; paper Sec. 3.3, Multi-View SDS Loss).
+    """A scalar whose gradient is that of score distillation under texture and depth (paper Eq. 6).
 
     With w(t) = 1 - abar_t. Its value is half the squared norm of that gradient on the latents, averaged over
     the images: a figure to plot, not one that falls steadily.

@@ -1,4 +1,4 @@
-"""Views whose masked part becomes what a prompt says (coarse stage, paper Sec. 3.2).
+"""Views whose masked part becomes what a prompt says (coarse stage, paper Sec. 3.3).
 
 Sampling starts from the DDIM inversion of the views as they are, so that what is not asked for stays: pose,
 shape, light. The references are edited one after another, each attending to those before it; then all other

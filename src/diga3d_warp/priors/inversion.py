@@ -1,4 +1,4 @@
-"""DDIM inversion: the noise from which sampling returns to an image (paper Sec. 3.2)."""
+"""DDIM inversion: the noise from which sampling returns to an image (paper Sec. 3.3)."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def inpaint_views(
     say: Callable[[str], None] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Iterator[torch.Tensor]:
-    """Fill the masked pixels of N views, consistently with the references (paper Sec. 3.2).
+    """Fill the masked pixels of N views, consistently with the references (paper Sec. 3.3).
 
     All views are worked on at the native size of the first one.
 

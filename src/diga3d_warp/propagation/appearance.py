@@ -1,4 +1,4 @@
-"""Views that fill their own hole while they attend to the references (paper Sec. 3.2).
+"""Views that fill their own hole while they attend to the references (paper Sec. 3.3).
 
 The references are filled already: at each timestep they leave the keys and values of their fill, and stay as
 they are.

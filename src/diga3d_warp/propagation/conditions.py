@@ -1,4 +1,4 @@
-"""Texture and depth maps that carry a reference's inpainting to another view (paper Sec. 3.3).
+"""Texture and depth maps that carry a reference's inpainting to another view (paper Sec. 3.4).
 
 The paper warps the reference, takes Canny's edges of what arrives, and estimates depth of it anew. Here the
 warped depth itself is the depth map: it is the same surface in all views, which an estimate for each is not.

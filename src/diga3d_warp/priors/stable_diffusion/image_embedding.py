@@ -1,4 +1,4 @@
-"""How an already inpainted image tells the UNet what others should look like (paper Sec. 3.2, I_p).
+"""How an already inpainted image tells the UNet what others should look like (paper Sec. 3.3, I_p).
 
 The paper encodes it with CLIP and integrates "the image embeddings into the residual blocks of the U-Net". It
 does not say how, nor with what weights. Two readings are offered:

@@ -1,4 +1,4 @@
-"""Attention propagation in a UNet: every self-attention passes through a bank (paper Sec. 3.2)."""
+"""Attention propagation in a UNet: every self-attention passes through a bank (paper Sec. 3.3)."""
 
 from __future__ import annotations
 
