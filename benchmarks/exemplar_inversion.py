@@ -18,13 +18,13 @@ import torch  # noqa: E402
 
 from diga3d_warp.evaluation.metrics import psnr  # noqa: E402
 from diga3d_warp.files import write_text  # noqa: E402
+from diga3d_warp.perception.resampling import resize_images  # noqa: E402
 from diga3d_warp.priors.conditioning import Guidance, Prompts  # noqa: E402
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior  # noqa: E402
 from diga3d_warp.priors.exemplar.prompts import PatchPrompt  # noqa: E402
 from diga3d_warp.priors.inversion import invert  # noqa: E402
 from diga3d_warp.priors.sampling import ViewLatents, initial_noise, sample_views  # noqa: E402
 from diga3d_warp.priors.settings import SamplingSettings  # noqa: E402
-from diga3d_warp.priors.views import resize_images  # noqa: E402
 from diga3d_warp.scene.load import load_scene  # noqa: E402
 
 STEPS = (5, 10, 20, 50)

@@ -103,3 +103,17 @@ def test_dpt_that_was_never_downloaded(monkeypatch, tmp_path):
     monkeypatch.setattr("huggingface_hub.constants.HF_HUB_CACHE", str(tmp_path))
     with pytest.raises(InputError, match=r"the weights of Intel/dpt-large \(1.4 GB\) are not"):
         DepthEstimator.load()
+
+
+@pytest.mark.parametrize("size", [(12, 15), (48, 60)])
+def test_holes_do_not_blend_into_a_resized_control(size):
+    """Two planes and a hole: every pixel lies on a plane, between the two at their border, or is 0."""
+    depth = torch.full((24, 30), 2.0)
+    depth[:, 15:] = 4.0
+    valid = torch.ones(24, 30, dtype=torch.bool)
+    valid[8:16, 3:11] = False
+    control = depth_control(depth, valid, size)
+    assert control.shape == size and float(control.min()) == 0.0 and float(control.max()) == 1.0
+    left = control[:, : size[1] // 2 - 2]
+    assert set(left.unique().tolist()) == {0.0, 1.0}
+    assert 0.15 < float((left == 0.0).float().mean()) < 0.30

@@ -17,6 +17,7 @@ from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.stages import read_mask
 from diga3d_warp.priors.distillation import DistillationSettings
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
+from diga3d_warp.priors.windows import Windows
 from diga3d_warp.propagation.references import References
 from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.splatting.render import render
@@ -97,3 +98,33 @@ def test_distillation_moves_what_was_invented(removed, tmp_path):
         changes.append((change[mask].mean(), change[~mask].mean()))
     inside, outside = np.mean(changes, axis=0)
     assert inside > 2e-3 and inside > 5.0 * outside
+
+
+class Short(ExemplarPrior):
+    """A prior that is shown images at a short side of 32 px."""
+
+    def native_size(self, height, width):
+        scale = 32 / min(height, width)
+        return round(height * scale), round(width * scale)
+
+
+def test_an_edit_is_distilled_in_the_windows_it_was_edited_in():
+    """A small object is shown to the prior as large as `edit_views` shows it."""
+    camera = camera_at(width=64, height=48)
+    targets = [Target(camera, torch.full((48, 64, 3), 90, dtype=torch.uint8)) for _ in range(3)]
+    masks = [np.zeros((48, 64), bool) for _ in targets]
+    masks[0][20:30, 40:50] = masks[1][0:6, 0:8] = True
+    prior, cluster = Short(), np.zeros(3, int)
+    options = (prior, prior.guidance, DistillationSettings(), Effects(), None)
+    guided = fine.guided_targets(
+        random_gaussians(50), targets, masks, References([0], cluster), *options, windowed=True
+    )
+    windows = Windows.around([torch.from_numpy(mask) for mask in masks], prior)
+    guides = [target.guide for target in guided]
+    assert guides[2] is None, "no mask, no window"
+    assert [guide.window for guide in guides[:2]] == windows.places
+    for guide in guides[:2]:
+        assert guide.mask[guide.window].sum() == guide.mask.sum()
+        assert {tuple(control.image.shape) for control in guide.controls} == {(1, 32, 32)}
+        loss = guide(torch.rand(48, 64, 3), 0.5, torch.Generator().manual_seed(0))
+        assert loss.isfinite() and loss > 0.0

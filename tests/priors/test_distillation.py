@@ -127,3 +127,30 @@ def test_bad_settings_and_shapes(images, masks):
         DistillationSettings(t_min=0.5, t_max=0.5)
     with pytest.raises(InputError, match=r"do not fit"):
         distillation_loss(GaussianPrior(), images, masks[:1], GUIDANCE, t=500, generator=torch.Generator())
+
+
+def test_a_guide_shows_the_prior_its_window_only(images, masks):
+    prior, window = GaussianPrior(), (slice(1, 7), slice(2, 9))
+    control = Control("edges", torch.ones(1, 6, 7), 0.8)
+    settings = DistillationSettings(weight=1.0)
+    guide = TextureGeometryGuide(prior, masks[0], GUIDANCE, (control,), None, settings, window)
+    loss = guide(images[0], 0.5, torch.Generator().manual_seed(6))
+    cut = images[0][window][None]
+    t = distillation_timestep(prior.schedule, 0.5, settings, torch.Generator())
+    expected = distillation_loss(
+        prior,
+        cut,
+        masks[0][window][None],
+        GUIDANCE,
+        [control],
+        t=t,
+        generator=torch.Generator().manual_seed(6),
+    )
+    torch.testing.assert_close(loss, expected)
+    found = torch.autograd.grad(loss, images)[0][0]
+    assert (found[masks[0]] != 0.0).any(-1).all() and (found[~masks[0]] == 0.0).all()
+
+
+def test_controls_of_another_size_are_refused(images, masks):
+    with pytest.raises(InputError, match=r"edges of \(16, 20\) do not fit prior gaussian"):
+        gradient(GaussianPrior(), images, masks, controls=[Control("edges", torch.ones(2, 16, 20), 0.8)])

@@ -82,11 +82,11 @@ def test_controls_follow_the_windows(images, masks):
         return exact(z, t, text, cond, controls)
 
     prior.predict_noise = watch
-    marks = [mask.float() for mask in masks]
-    edited(images, masks, [0], prior, controls=[ViewControl("edges", marks, 0.8)])
+    depths = [torch.where(mask, 1.0, 2.0) for mask in masks]
+    edited(images, masks, [0], prior, controls=[ViewControl("depth", depths, 0.8)])
     kinds = {each for each in seen if isinstance(each, tuple)}
     means = {round(each, 6) for each in seen if isinstance(each, float)}
-    assert kinds == {("edges", True)}
+    assert kinds == {("depth", True)}
     assert means == {round(100 / 256, 6)}, "masks of 10 x 10 in windows of 16 x 16"
 
 
@@ -100,3 +100,20 @@ def test_plan_and_progress_are_told(images, masks):
 def test_an_object_that_shows_nowhere(images, masks):
     with pytest.raises(InputError, match="shows in no view"):
         edited(images, [torch.zeros_like(mask) for mask in masks], [0])
+
+
+def test_depth_is_normalised_within_the_window(images, masks):
+    """Something near at the image's border would leave all that a prior is shown at one grey."""
+    prior, seen = GaussianPrior(), []
+    exact = prior.predict_noise
+
+    def watch(z, t, text, cond, controls, image_embeds=None):
+        seen.extend((float(row.min()), float(row.max())) for row in controls[0].image)
+        return exact(z, t, text, cond, controls)
+
+    prior.predict_noise = watch
+    depths = [torch.where(mask, 2.0, 3.0) for mask in masks]
+    for depth in depths:
+        depth[:2] = 0.01
+    edited(images, masks, [0], prior, controls=[ViewControl("depth", depths, 1.0)])
+    assert seen and set(seen) == {(0.0, 1.0)}

@@ -1,5 +1,6 @@
 """Filling views through a diffusion prior: sizes, pasting back, starting points, errors."""
 
+import numpy as np
 import pytest
 import torch
 
@@ -97,23 +98,30 @@ def test_a_weaker_start_stays_nearer_to_the_image(images, masks):
     assert moved[0] < moved[1] < moved[2]
 
 
-def test_controls_reach_the_prior_at_its_size(images, masks):
+def test_controls_are_made_at_the_size_of_the_prior(images, masks):
+    """A line that is resized is grey; edges that are found at the size have no grey."""
     prior = GaussianPrior(factor=2)
-    control = ViewControl("edges", [torch.full((12, 20), 0.1 * k) for k in range(4)], 0.8)
+    pictures = [torch.full((12, 20, 3), 0.1) for _ in range(4)]
+    for k, picture in enumerate(pictures):
+        picture[:, 6 + 2 * k :] = 0.9
+    controls = [ViewControl("edges", pictures, 0.8), ViewControl("depth", [p[..., 0] for p in pictures], 1.0)]
     seen = {}
     exact = prior.predict_noise
 
     def watch(z, t, text, cond, controls, image_embeds=None):
         for c in controls:
-            seen.setdefault((c.kind, c.scale, tuple(c.image.shape[1:])), set()).add(
-                round(float(c.image[0, 0, 0]), 4)
-            )
+            assert tuple(c.image.shape[1:]) == (6, 10)
+            seen.setdefault((c.kind, c.scale), []).append(c.image[0])
         return exact(z, t, text, cond, controls)
 
     prior.predict_noise = watch
     settings = SamplingSettings(steps=2, batch=1)
-    list(inpaint_views(prior, images, masks, PLAIN, settings, controls=[control]))
-    assert seen == {("edges", 0.8, (6, 10)): {0.0, 0.1, 0.2, 0.3}}
+    list(inpaint_views(prior, images, masks, PLAIN, settings, controls=controls))
+    edges, depth = (seen[key][-4:] for key in (("edges", 0.8), ("depth", 1.0)))
+    assert all(set(image.unique().tolist()) == {0.0, 1.0} for image in edges)
+    assert all((float(image.min()), float(image.max())) == (0.0, 1.0) for image in depth)
+    places = [int(image[3].nonzero()[0]) for image in edges]
+    assert np.diff(places).tolist() == [1, 1, 1], "each view its own"
 
 
 def test_the_plan_is_said_before_sampling(images, masks):

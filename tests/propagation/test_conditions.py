@@ -65,3 +65,18 @@ def test_what_does_not_arrive_is_neither_edge_nor_depth(stripes, view):
     assert float(edges.image[0][gone].sum()) == 0.0
     assert float(depth.image[0][gone].sum()) == 0.0
     assert float(edges.image[0, 10:30, 38:42].sum()) > 15
+
+
+def test_maps_are_made_of_the_window_at_the_size_of_the_prior(stripes, view):
+    """What lies outside of the window takes no part of the range of depths."""
+    plane = torch.full((HEIGHT, WIDTH), FAR)
+    image, depth, mask = view
+    depth[:, 55:] = 0.1
+    window, size = (slice(4, 36), slice(4, 52)), (64, 96)
+    arguments = (stripes, plane, camera(0), image, depth, mask, camera(SHIFT))
+    edges, near = texture_geometry(*arguments, window, size)
+    assert edges.image.shape == near.image.shape == (1, *size)
+    assert set(edges.image.unique().tolist()) == {0.0, 1.0} and float(edges.image.sum()) > 100
+    assert float(near.image[0][8:56, 16:88].min()) == 1.0, "the reference's plane is the nearest here"
+    _, whole = texture_geometry(*arguments)
+    assert float(whole.image[0][mask].max()) < 0.1

@@ -8,8 +8,6 @@ import numpy as np
 import torch
 
 from diga3d_warp.objects.surface import Sight
-from diga3d_warp.perception.depth import depth_control
-from diga3d_warp.perception.edges import canny_edges
 from diga3d_warp.priors.conditioning import DEPTH_SCALE, EDGES_SCALE, Guidance
 from diga3d_warp.priors.editing import edit_views
 from diga3d_warp.priors.protocol import DiffusionPrior
@@ -54,8 +52,8 @@ class DiffusionRepainter:
         masks = [torch.from_numpy(sight.touched) for sight in sights]
         depths = [torch.from_numpy(sight.scene_depth) for sight in sights]
         controls = {
-            "edges": ViewControl("edges", [canny_edges(image) for image in images], EDGES_SCALE),
-            "depth": ViewControl("depth", [depth_control(depth) for depth in depths], DEPTH_SCALE),
+            "edges": ViewControl("edges", images, EDGES_SCALE),
+            "depth": ViewControl("depth", depths, DEPTH_SCALE),
         }
         painted = edit_views(
             self.prior,

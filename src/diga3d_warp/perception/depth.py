@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import torch.nn.functional as F
 
 from diga3d_warp.checkpoints import Checkpoint, load_model, locate, require_diffusion
 from diga3d_warp.errors import InputError
+from diga3d_warp.perception.resampling import resize_images
 
 DPT = Checkpoint("Intel/dpt-large", 1.4)
 
@@ -69,22 +71,31 @@ def align_disparity(disparity: torch.Tensor, depth: torch.Tensor, valid: torch.T
     return Alignment(scale, float(y.mean() - scale * x.mean()), float(true.max()))
 
 
-def depth_control(depth: torch.Tensor, valid: torch.Tensor | None = None) -> torch.Tensor:
+def depth_control(
+    depth: torch.Tensor, valid: torch.Tensor | None = None, size: Sequence[int] | None = None
+) -> torch.Tensor:
     """Depth as ControlNet was trained on it: inverse, from 0 (farthest) to 1 (nearest).
 
     Args:
-        depth: Shape (H, W) [scene units].
+        depth: Of all that the network is shown, no more: what lies outside must not take part of the range.
+            Shape (H, W) [scene units].
         valid: False where a warped depth map has a hole, shape (H, W), bool. Holes become 0.
+        size: Height and width of the result [px]; those of the depth if None.
 
     Returns:
-        Shape (H, W), float32 in [0, 1]; zeros if all depths are the same.
+        Shape (*size), float32 in [0, 1]; zeros if all depths are the same.
     """
     usable = depth.isfinite() & (depth > 0.0)
     if valid is not None:
         usable &= valid
     inverse = torch.where(usable, 1.0 / torch.where(usable, depth, 1.0), 0.0)
+    if size is not None:
+        # Means over the known part of each pixel: a hole is no depth, and must not blend in as far away.
+        sums, share = resize_images(torch.stack([inverse, usable.to(inverse)], -1)[None], size)[0].unbind(-1)
+        usable = share > 0.5
+        inverse = torch.where(usable, sums / share.clamp(min=0.5), 0.0)
     if not bool(usable.any()):
-        return torch.zeros_like(depth)
+        return torch.zeros_like(inverse)
     nearest, farthest = inverse[usable].max(), inverse[usable].min()
     spread = (inverse - farthest) / (nearest - farthest).clamp(min=1e-12)
     return torch.where(usable, spread, 0.0).clamp(0.0, 1.0)

@@ -17,6 +17,7 @@ from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.conditioning import Guidance
 from diga3d_warp.priors.distillation import DistillationSettings, TextureGeometryGuide
 from diga3d_warp.priors.protocol import DiffusionPrior
+from diga3d_warp.priors.windows import WHOLE, Windows
 from diga3d_warp.propagation.conditions import texture_geometry
 from diga3d_warp.propagation.references import References
 from diga3d_warp.scene.images import BACKGROUND
@@ -38,6 +39,7 @@ def distil(
     seed: int,
     *,
     known: Sequence[np.ndarray] | None = None,
+    windowed: bool = False,
 ) -> Gaussians:
     """Refine an edit by TG-SDS beside its photometric and depth losses.
 
@@ -55,12 +57,15 @@ def distil(
         settings: Of the fit.
         seed: Of the fit and of the noise.
         known: Photographs that the prior is told outside the masks, shape (H, W, 3); the renderings if None.
+        windowed: Whether the prior is shown the windows around the masks in which `edit_views` edited the
+            views, rather than whole views, as a removal's fill is.
     """
 
     def compute(folder: Path) -> None:
         guided = guided_targets(
-            source, targets, masks, references, prior, guidance, distillation, run.effects, known
-        )
+            source, targets, masks, references, prior, guidance, distillation, run.effects, known,
+            windowed=windowed,
+        )  # fmt: skip
         result = fit(
             source, guided, extent, settings, effects=run.effects, seed=seed, held=held,
             checkpoint=folder / "checkpoint.pt", progress=True, label="distil",
@@ -73,9 +78,13 @@ def distil(
 def guided_targets(
     source: Gaussians, targets: Sequence[Target], masks: Sequence[np.ndarray], references: References,
     prior: DiffusionPrior, guidance: Guidance, distillation: DistillationSettings, effects: Effects,
-    known: Sequence[np.ndarray] | None,
+    known: Sequence[np.ndarray] | None, *, windowed: bool = False,
 ) -> list[Target]:  # fmt: skip
-    """The targets, those with a mask under the guide of their cluster's reference."""
+    """The targets, those with a mask under the guide of their cluster's reference; arguments as `distil`."""
+    places = {}
+    if windowed:
+        windows = Windows.around([torch.from_numpy(mask) for mask in masks], prior)
+        places = dict(zip(windows.views, windows.places, strict=True))
     depths = {j: _depth_of(source, targets[j], effects) for j in references.indices}
     guided = []
     for i, (target, seen) in enumerate(zip(targets, masks, strict=True)):
@@ -85,12 +94,14 @@ def guided_targets(
         j = references.indices[int(references.cluster[i])]
         color, depth = _shown(source, target, effects)
         mask = torch.from_numpy(seen)
+        window = places.get(i, WHOLE)
         controls = texture_geometry(
-            targets[j].color, depths[j], targets[j].camera, color, depth, mask, target.camera
-        )
+            targets[j].color, depths[j], targets[j].camera, color, depth, mask, target.camera, window,
+            prior.native_size(*mask[window].shape),
+        )  # fmt: skip
         followed = tuple(control for control in controls if control.kind in prior.control_kinds)
         told = None if known is None else torch.from_numpy(known[i])
-        guide = TextureGeometryGuide(prior, mask, guidance, followed, told, distillation)
+        guide = TextureGeometryGuide(prior, mask, guidance, followed, told, distillation, window)
         guided.append(replace(target, guide=guide))
     return guided
 

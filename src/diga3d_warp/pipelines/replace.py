@@ -180,7 +180,7 @@ def _imagined(
     return fine.distil(
         run, grown, held, [each.target for each in imagined], [stages.mask_of(view) for view in taken.views],
         references, words.prior, words.guidance, words.method.distillation, extent, settings.removal.distil,
-        seed,
+        seed, windowed=True,
     )  # fmt: skip
 
 

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import torch
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.perception.resampling import resize_images, resize_masks
 from diga3d_warp.priors.conditioning import Control, Guidance
 from diga3d_warp.priors.guidance import guided_noise
 from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.priors.schedule import Schedule
-from diga3d_warp.priors.views import resize_images, resize_masks
+from diga3d_warp.priors.windows import WHOLE
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,13 @@ class TextureGeometryGuide:
         prior: What estimates noise.
         mask: True where the edit is, shape (H, W), bool.
         guidance: Prompts and their weight.
-        controls: Texture and depth map of the view, one row each (`propagation.conditions`).
+        controls: Texture and depth map of the window, one row each, at the prior's native size
+            (`propagation.conditions`).
         known: The photograph, shape (H, W, 3), which the prior is told outside the mask; the rendering if
             None. A prior may take from within the mask what to go away from.
         settings: Strength and timesteps.
+        window: Rows and columns of the view that the prior is shown; all of them as a rule. They hold the
+            mask.
     """
 
     prior: DiffusionPrior
@@ -62,6 +66,7 @@ class TextureGeometryGuide:
     controls: tuple[Control, ...] = ()
     known: torch.Tensor | None = None
     settings: DistillationSettings = DistillationSettings()
+    window: tuple[slice, slice] = WHOLE
 
     def __call__(self, image: torch.Tensor, done: float, generator: torch.Generator) -> torch.Tensor:
         """Weighted loss of a rendering.
@@ -72,11 +77,11 @@ class TextureGeometryGuide:
             generator: Of timestep and noise.
         """
         t = distillation_timestep(self.prior.schedule, done, self.settings, generator)
-        masks = self.mask[None].to(image.device)
-        known = None if self.known is None else self.known[None]
+        masks = self.mask[self.window][None].to(image.device)
+        known = None if self.known is None else self.known[self.window][None]
         loss = distillation_loss(
             self.prior,
-            image[None],
+            image[self.window][None],
             masks,
             self.guidance,
             self.controls,
@@ -131,7 +136,8 @@ def distillation_loss(
         images: Rendered, RGB in [0, 1], shape (B, H, W, 3). Carries gradient, exactly zero outside `masks`.
         masks: True where the edit is, shape (B, H, W), bool.
         guidance: Prompts and their weight.
-        controls: Texture and depth map warped from the reference of the view's cluster, B rows each.
+        controls: Texture and depth map warped from the reference of the view's cluster, B rows each, of the
+            prior's native size for these images.
         t: Timestep, from `distillation_timestep`.
         generator: Of the added noise, on the host.
         known: What the prior is told of the unmasked pixels, shape (B, H, W, 3); the images if None.
@@ -144,20 +150,23 @@ def distillation_loss(
             f"images {tuple(images.shape)} and masks {tuple(masks.shape)} do not fit: "
             "give (B, H, W, 3) and (B, H, W)"
         )
+    size = prior.native_size(*images.shape[1:3])
+    for control in controls:
+        if tuple(control.image.shape[1:]) != tuple(size):
+            raise InputError(
+                f"{control.kind} of {tuple(control.image.shape[1:])} do not fit prior {prior.name}, which is "
+                f"shown these images at {tuple(size)}: make them at that size"
+            )
     inside = masks[..., None].to(images)
     gated = images * inside + images.detach() * (1.0 - inside)
-    size = prior.native_size(*images.shape[1:3])
     pixels = resize_images(gated, size)
     z = prior.encode_image(pixels)
     with torch.no_grad():
         told = pixels if known is None else resize_images(known.to(images), size)
         cond = prior.conditioning(told, resize_masks(masks, size))
-        followed = [
-            Control(c.kind, resize_images(c.image[..., None], size)[..., 0], c.scale) for c in controls
-        ]
         noise = torch.randn(z.shape, generator=generator).to(z)
         noisy = prior.schedule.add_noise(z, noise, t)
-        estimate = guided_noise(prior, noisy, t, guidance, cond, followed)
+        estimate = guided_noise(prior, noisy, t, guidance, cond, controls)
         weight = 1.0 - prior.schedule.alpha(t)
         goal = z - torch.nan_to_num(weight * (estimate - noise))
     return 0.5 * (z - goal).square().sum() / len(images)

@@ -57,7 +57,7 @@ def edit_views(
     settings = settings or SamplingSettings()
     windows = Windows.around(masks, prior)
     parts, holes = windows.cut(images), windows.cut(masks)
-    followed = [replace(control, images=windows.cut(control.images)) for control in controls]
+    followed = [replace(control, shown=windows.cut(control.shown)) for control in controls]
     first = [windows.views.index(index) for index in edited_first(masks, references)]
     others = [k for k in range(len(parts)) if k not in first]
     turns = [[k] for k in first] + ([others] if others else [])
@@ -76,7 +76,7 @@ def edit_views(
             settings,
             references=range(len(before)),
             settled=True,
-            controls=[replace(c, images=[c.images[k] for k in rows]) for c in followed],
+            controls=[replace(c, shown=[c.shown[k] for k in rows]) for c in followed],
             source=source,
             say=say,
             progress=_counting(progress, done * steps, len(turns) * steps),

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
-import torch.nn.functional as F
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.perception.depth import depth_control
+from diga3d_warp.perception.edges import canny_edges
+from diga3d_warp.perception.resampling import resize_images, resize_masks
 from diga3d_warp.priors.conditioning import Conditioning, Control, ControlKind, Guidance
 from diga3d_warp.priors.inversion import invert
 from diga3d_warp.priors.plan import plan_sampling
@@ -20,17 +22,23 @@ from diga3d_warp.priors.settings import SamplingSettings
 
 @dataclass(frozen=True)
 class ViewControl:
-    """One control for N views.
+    """One control of N views, made of what they show at the size at which the prior is given them.
 
     Attributes:
         kind: As in `Control`.
-        images: One for each view, shape (H, W), float32 in [0, 1].
+        shown: For "edges" the views' pictures, RGB in [0, 1], shape (H, W, 3) each; for "depth" their z
+            [scene units], shape (H, W) each, 0 where it is not known.
         scale: As in `Control`.
     """
 
     kind: ControlKind
-    images: Sequence[torch.Tensor]
+    shown: Sequence[torch.Tensor]
     scale: float
+
+    def at(self, index: int, size: tuple[int, int], device: torch.device) -> Control:
+        """The control of one view, one row, shape (1, *size)."""
+        make = canny_edges if self.kind == "edges" else depth_control
+        return Control(self.kind, make(self.shown[index].to(device), size=size)[None], self.scale)
 
 
 def inpaint_views(
@@ -78,7 +86,7 @@ def inpaint_views(
     """
     settings = settings or SamplingSettings()
     begun = images if begun is None else begun
-    counts = [len(images), len(masks), len(begun), *(len(c.images) for c in controls)]
+    counts = [len(images), len(masks), len(begun), *(len(c.shown) for c in controls)]
     if not images or len(set(counts)) > 1:
         raise InputError(f"numbers of images, masks and controls differ or are zero: {counts}")
     size = prior.native_size(*images[0].shape[:2])
@@ -111,21 +119,6 @@ def fill_one(
     return next(inpaint_views(prior, [image], [mask], guidance, settings, seed=seed))
 
 
-def resize_images(images: torch.Tensor, size: Sequence[int]) -> torch.Tensor:
-    """Images (B, H, W, C) at another size (height, width) [px], without aliasing; carries gradient."""
-    if tuple(images.shape[1:3]) == tuple(size):
-        return images
-    channels_first = images.permute(0, 3, 1, 2)
-    return F.interpolate(channels_first, tuple(size), mode="bilinear", antialias=True).permute(0, 2, 3, 1)
-
-
-def resize_masks(masks: torch.Tensor, size: Sequence[int]) -> torch.Tensor:
-    """Masks (B, H, W) at another size: a pixel is masked where any part of it was."""
-    if tuple(masks.shape[1:3]) == tuple(size):
-        return masks
-    return resize_images(masks[..., None].float(), size)[..., 0] > 1e-6
-
-
 @torch.no_grad()
 def _encode(
     prior: DiffusionPrior,
@@ -150,7 +143,7 @@ def _encode(
         check_fill(image, mask)
         pixels = resize_images(image[None].to(prior.device), size)
         cond = prior.conditioning(pixels, resize_masks(mask[None].to(prior.device), size))
-        along = [_control(control, index, size, prior.device) for control in controls]
+        along = [control.at(index, size, prior.device) for control in controls]
         if source is None:
             noise = initial_noise(cond.latent.shape, seed).to(prior.device)
             start = noise
@@ -182,8 +175,3 @@ def _encode(
         ),
         noise=None if prior.mask_aware else torch.cat(noises),
     )
-
-
-def _control(control: ViewControl, index: int, size: tuple[int, int], device: torch.device) -> Control:
-    image = resize_images(control.images[index][None, ..., None].to(device), size)[..., 0]
-    return Control(control.kind, image, control.scale)

@@ -15,6 +15,9 @@ import torch
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.protocol import DiffusionPrior
 
+WHOLE = (slice(None), slice(None))
+"""Rows and columns of the window that is the whole view."""
+
 
 @dataclass(frozen=True)
 class WindowSettings:

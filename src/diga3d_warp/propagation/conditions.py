@@ -12,6 +12,7 @@ import torch
 from diga3d_warp.perception.depth import depth_control
 from diga3d_warp.perception.edges import canny_edges
 from diga3d_warp.priors.conditioning import DEPTH_SCALE, EDGES_SCALE, Control
+from diga3d_warp.priors.windows import WHOLE
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.reproject import reproject
 
@@ -24,8 +25,12 @@ def texture_geometry(
     depth: torch.Tensor,
     mask: torch.Tensor,
     camera: Camera,
+    window: tuple[slice, slice] = WHOLE,
+    size: tuple[int, int] | None = None,
 ) -> tuple[Control, Control]:
     """Texture map C' and depth map D' of one view, warped from the reference of its cluster.
+
+    Both are made of the part of the view that the prior is shown, at the size at which it is shown.
 
     Args:
         reference_image: Inpainted reference, RGB in [0, 1], shape (H, W, 3).
@@ -35,19 +40,19 @@ def texture_geometry(
         depth: z of the splat in the view, shape (h, w).
         mask: True where the edit is, shape (h, w), bool.
         camera: Camera of the view.
+        window: Rows and columns of the view that the prior is shown.
+        size: Height and width at which it is shown them [px], from `Prior.native_size`; their own if None.
 
     Returns:
-        Edges and inverse depth, one row each, with the paper's scales. No edge is drawn near pixels that
-        neither the reference nor the view's unmasked part shows.
+        Edges and inverse depth, one row each, shape (1, *size), with the paper's scales. No edge is drawn
+        near pixels that neither the reference nor the view's unmasked part shows.
     """
     with torch.no_grad():
         warped = reproject(reference_image, reference_depth, reference, camera)
         carried = mask & warped.visible
         known = carried | ~mask
-        picture = torch.where(carried[..., None], warped.image, image)
+        picture = torch.where(carried[..., None], warped.image, torch.where(known[..., None], image, 0.0))
         surface = torch.where(carried, warped.depth, depth)
-        edges = canny_edges(torch.where(known[..., None], picture, 0.0), known)
-        return (
-            Control("edges", edges[None], EDGES_SCALE),
-            Control("depth", depth_control(surface, known)[None], DEPTH_SCALE),
-        )
+        edges = canny_edges(picture[window], known[window], size)
+        near = depth_control(surface[window], known[window], size)
+        return Control("edges", edges[None], EDGES_SCALE), Control("depth", near[None], DEPTH_SCALE)
