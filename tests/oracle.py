@@ -65,14 +65,14 @@ def conics(roots: torch.Tensor) -> torch.Tensor:
 
 
 def distort(x: torch.Tensor, y: torch.Tensor, camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
-    """Lens distortion as COLMAP documents it (OPENCV and OPENCV_FISHEYE)."""
+    """Lens distortion as COLMAP documents it (OPENCV, FULL_OPENCV up to k3, and OPENCV_FISHEYE)."""
     if camera.distortion is None:
         return x, y
     k = camera.distortion.coefficients
-    if camera.distortion.kind == "brown":
-        k1, k2, p1, p2 = k
+    if camera.distortion.kind in ("brown", "brown5"):
+        k1, k2, p1, p2, k3 = [*k, 0.0][:5]
         r2 = x**2 + y**2
-        radial = 1 + k1 * r2 + k2 * r2**2
+        radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
         return (
             x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2),
             y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y**2),

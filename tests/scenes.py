@@ -11,6 +11,7 @@ from diga3d_warp.scene.camera import Camera, Distortion, look_at
 LENSES = {
     "none": None,
     "brown": Distortion("brown", (-0.12, 0.02, 0.004, -0.003)),
+    "brown5": Distortion("brown5", (-0.12, 0.02, 0.004, -0.003, 0.05)),
     "fisheye": Distortion("fisheye", (0.03, -0.01, 0.002, -0.0003)),
 }
 

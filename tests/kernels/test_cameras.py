@@ -12,22 +12,22 @@ from diga3d_warp.kernels.launch import DIFFERENTIABLE, launch
 LENSES = {
     "none": (0.0, 0.0, 0.0, 0.0),
     "brown": (-0.21, 0.06, 0.004, -0.003),
+    "brown5": (-0.21, 0.06, 0.004, -0.003, -0.05),
     "fisheye": (0.05, -0.02, 0.004, -0.0006),
 }
 vec2d = wp.types.vector(length=2, dtype=wp.float64)
-vec4d = wp.types.vector(length=4, dtype=wp.float64)
 mat22d = wp.types.matrix(shape=(2, 2), dtype=wp.float64)
 
 
 def distort_kernel(kind: str) -> wp.Kernel:
     model = lens_model(kind, wp.float64)
-    distort, jacobian = model.distort, model.distort_jacobian
+    vector, distort, jacobian = model.vector, model.distort, model.distort_jacobian
 
     @wp.kernel(module="unique", module_options=DIFFERENTIABLE)
     def run(
         offset: int,
         points: wp.array(dtype=vec2d),
-        k: vec4d,
+        k: vector,
         # outputs
         distorted: wp.array(dtype=vec2d),
         jacobians: wp.array(dtype=mat22d),
@@ -49,7 +49,7 @@ def distort(kind: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     launch(
         distort_kernel(kind),
         len(points),
-        [source, vec4d(*LENSES[kind])],
+        [source, lens_model(kind, wp.float64).vector(*LENSES[kind])],
         [distorted, jacobians],
         device="cpu",
     )
@@ -63,13 +63,13 @@ def scattered_points() -> np.ndarray:
     return points
 
 
-@pytest.mark.parametrize("kind", ["brown", "fisheye"])
+@pytest.mark.parametrize("kind", ["brown", "brown5", "fisheye"])
 def test_distort_agrees_with_opencv(kind):
     import cv2
 
     points = scattered_points()
     homogeneous = np.concatenate([points, np.ones((len(points), 1))], 1)[:, None]
-    project = cv2.projectPoints if kind == "brown" else cv2.fisheye.projectPoints
+    project = cv2.fisheye.projectPoints if kind == "fisheye" else cv2.projectPoints
     zero = np.zeros(3)
     expected = project(homogeneous, zero, zero, np.eye(3), np.array(LENSES[kind]))[0][:, 0]
     np.testing.assert_allclose(distort(kind, points)[0], expected, atol=1e-12)
@@ -99,7 +99,7 @@ def test_automatic_adjoint_is_the_jacobian(kind):
         wp.launch(
             distort_kernel(kind),
             len(points),
-            inputs=[0, source, vec4d(*LENSES[kind])],
+            inputs=[0, source, lens_model(kind, wp.float64).vector(*LENSES[kind])],
             outputs=[distorted, jacobians],
             device="cpu",
         )
@@ -114,7 +114,7 @@ def test_pixel_rays_invert_the_lens(kind, scalar):
     width, height, focal = 64, 48, 60.0
     vec2, vec4 = wp.types.vector(length=2, dtype=scalar), wp.types.vector(length=4, dtype=scalar)
     rays = wp.zeros(width * height, dtype=vec2, device="cpu")
-    intrinsics, k = vec4(focal, focal, 32.0, 24.0), vec4(*LENSES[kind])
+    intrinsics, k = vec4(focal, focal, 32.0, 24.0), lens_model(kind, scalar).vector(*LENSES[kind])
     limit = scalar(valid_radius(kind, LENSES[kind]))
     launch(
         pixel_rays_kernel(kind, scalar), width * height, [width, intrinsics, k, limit], [rays], device="cpu"
@@ -148,12 +148,21 @@ def test_valid_radius_is_where_the_lens_folds():
     assert valid_radius("brown", (0.1, 0.02, 0.0, 0.0)) == math.inf
     assert valid_radius("brown", (-0.4, 0.0, 0.0, 0.0)) == pytest.approx(math.sqrt(1 / 1.2))
     assert valid_radius("brown", (-0.4, 0.0, 0.01, 0.0)) < math.sqrt(1 / 1.2)
+    assert valid_radius("brown5", (0.1, 0.02, 0.0, 0.0, 0.01)) == math.inf
+    assert valid_radius("brown5", (0.0, 0.0, 0.0, 0.0, -0.2)) == pytest.approx((1 / 1.4) ** (1 / 6))
+    shorter = (-0.4, 0.1, 0.01, 0.0)
+    assert valid_radius("brown5", (*shorter, 0.0)) == valid_radius("brown", shorter)
     assert valid_radius("fisheye") == math.inf
     assert valid_radius("fisheye", (-0.5, 0.0, 0.0, 0.0)) == pytest.approx(math.tan(math.sqrt(1 / 1.5)))
 
 
 @pytest.mark.parametrize(
-    "kind,coefficients", [("brown", (-0.3, 0.02, 0.01, -0.02)), ("fisheye", (-0.3, 0.0, 0.0, 0.0))]
+    "kind,coefficients",
+    [
+        ("brown", (-0.3, 0.02, 0.01, -0.02)),
+        ("brown5", (0.2, 0.1, 0.01, -0.02, -0.3)),
+        ("fisheye", (-0.3, 0.0, 0.0, 0.0)),
+    ],
 )
 def test_the_jacobian_stays_positive_below_the_valid_radius(kind, coefficients, monkeypatch):
     monkeypatch.setitem(LENSES, kind, coefficients)

@@ -12,6 +12,7 @@ from diga3d_warp.kernels.normals import normals_kernel
 PLAIN = Projecting()
 EXTRAS = {
     "lens": (replace(PLAIN, lens_kind="fisheye"), "wp::atan("),
+    "k3": (replace(PLAIN, lens_kind="brown5"), "wp::vec_t<5, wp::float32>"),
     "slopes": (replace(PLAIN, slopes=True), "(var_depth_slopes,"),
     "unscented": (replace(PLAIN, footprint="unscented"), "wp::outer("),
     "antialias": (replace(PLAIN, antialias=True), f"{PLAIN.alpha_min**2}"),

@@ -71,7 +71,7 @@ def by_tape():
     camera = camera_at("brown", WIDTH, HEIGHT)
     optics = optics_of(camera)
     lens = taped.Lens(
-        optics.lens_kind, wp.vec4(*optics.coefficients), wp.vec2(*optics.lower), wp.vec2(*optics.upper),
+        optics.lens_kind, optics.coefficients, wp.vec2(*optics.lower), wp.vec2(*optics.upper),
         optics.radius_max,
     )  # fmt: skip
     leaves = {name: leaf(tensor, KINDS[name]) for name, tensor in random_gaussians(100).named()}
@@ -159,7 +159,7 @@ def test_double_precision_and_normals_give_the_bits_of_torch():
     arrays = [leaf(value, kind) for value, kind in zip(values, kinds, strict=True)]
     means, log_scales, quaternions, logits, coefficients, poses, focal, eyes = arrays
     lens = taped.Lens(
-        optics.lens_kind, wp.vec4(*optics.coefficients), wp.vec2(*optics.lower), wp.vec2(*optics.upper),
+        optics.lens_kind, optics.coefficients, wp.vec2(*optics.lower), wp.vec2(*optics.upper),
         optics.radius_max,
     )  # fmt: skip
     with wp.Tape() as tape:

@@ -40,8 +40,16 @@ def test_absurd_cameras_are_refused(changes, why):
 
 @pytest.mark.parametrize("coefficients", [(0.1, 0.2, 0.3), (101.0, 0, 0, 0), (0, 0, float("nan"), 0)])
 def test_absurd_lenses_are_refused(coefficients):
-    with pytest.raises(InputError, match="four numbers up to 100"):
+    with pytest.raises(InputError, match="brown lens must be 4 numbers up to 100"):
         Distortion("brown", coefficients)
+    with pytest.raises(InputError, match="brown5 lens must be 5 numbers up to 100"):
+        Distortion("brown5", coefficients)
+
+
+def test_the_shortest_brown_lens_is_taken():
+    assert Distortion.brown(0.0, 0.0, 0.0, 0.0) is None
+    assert Distortion.brown(0.1, 0.0, 0.0, 0.2) == Distortion("brown", (0.1, 0.0, 0.0, 0.2))
+    assert Distortion.brown(0.1, 0.2, 0.0, 0.0, 0.3) == Distortion("brown5", (0.1, 0.2, 0.0, 0.0, 0.3))
 
 
 def test_intrinsics_keep_their_gradient_through_other_changes():

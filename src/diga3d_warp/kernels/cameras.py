@@ -41,9 +41,10 @@ itself, which is below the resolution of the type."""
 
 @dataclass(frozen=True)
 class LensModel:
-    """Warp functions of one lens kind in one scalar type; `k` is its four coefficients.
+    """Warp functions of one lens kind in one scalar type; `k` is its coefficients.
 
     Attributes:
+        vector: Type of `k`.
         distort: (x, y, k) -> distorted x, y.
         distort_jacobian: (x, y, k) -> d distorted / d (x, y), closed form: its entries xx, xy and yy. All
             models are symmetric.
@@ -51,6 +52,7 @@ class LensModel:
             reaches (xd, yd). Not differentiable.
     """
 
+    vector: Any
     distort: Any
     distort_jacobian: Any
     undistort: Any
@@ -58,11 +60,11 @@ class LensModel:
 
 @cache
 def lens_model(kind: str = "none", scalar: Any = wp.float32) -> LensModel:
-    """The Warp functions of a lens: "none", "brown" or "fisheye" (see `scene.camera.Distortion`)."""
+    """The Warp functions of "none" or of a lens kind of `scene.camera.Distortion`."""
     if kind == "none":
         return _pinhole(scalar)
-    if kind == "brown":
-        return _brown(scalar)
+    if kind in ("brown", "brown5"):
+        return _brown(scalar, longer=kind == "brown5")
     if kind == "fisheye":
         return _fisheye(scalar)
     raise ValueError(f"unknown lens kind {kind!r}")
@@ -72,21 +74,21 @@ def valid_radius(kind: str, coefficients: Sequence[float] = (0.0, 0.0, 0.0, 0.0)
     """Radius sqrt(x^2 + y^2) of undistorted coordinates below which the lens is one to one.
 
     For "brown" the bound is that the Jacobian is positive definite on the whole disc, which makes the
-    mapping one to one there. The radial terms give it the eigenvalues 1 + 3 k1 r^2 + 5 k2 r^4 and
-    1 + k1 r^2 + k2 r^4; the tangential terms lower them by at most 6 |p| r. For "fisheye" it is the tangent
-    of the first angle at which the distorted angle stops growing.
+    mapping one to one there. The radial terms give it the eigenvalues 1 + 3 k1 r^2 + 5 k2 r^4 + 7 k3 r^6 and
+    1 + k1 r^2 + k2 r^4 + k3 r^6; the tangential terms lower them by at most 6 |p| r. For "fisheye" it is the
+    tangent of the first angle at which the distorted angle stops growing.
 
     Returns:
         The radius [focal lengths]; infinity if the mapping never folds over.
     """
     if kind == "none":
         return math.inf
-    if kind == "brown":
-        k1, k2, p1, p2 = coefficients
+    if kind in ("brown", "brown5"):
+        k1, k2, p1, p2, k3 = [*coefficients, 0.0][:5]
         tangential = 6.0 * math.hypot(p1, p2)
         return min(
-            _first_positive_root((5.0 * k2, 0.0, 3.0 * k1, -tangential, 1.0)),
-            _first_positive_root((k2, 0.0, k1, -tangential, 1.0)),
+            _first_positive_root((7.0 * k3, 0.0, 5.0 * k2, 0.0, 3.0 * k1, -tangential, 1.0)),
+            _first_positive_root((k3, 0.0, k2, 0.0, k1, -tangential, 1.0)),
         )
     k1, k2, k3, k4 = coefficients
     angle = _first_positive_root((9.0 * k4, 0.0, 7.0 * k3, 0.0, 5.0 * k2, 0.0, 3.0 * k1, 0.0, 1.0))
@@ -114,18 +116,22 @@ def _pinhole(scalar: Any) -> LensModel:
     def undistort(xd: scalar, yd: scalar, k: vec4, max_radius: scalar):
         return vec2(xd, yd)
 
-    return LensModel(distort, distort_jacobian, undistort)
+    return LensModel(vec4, distort, distort_jacobian, undistort)
 
 
-def _brown(scalar: Any) -> LensModel:
-    vec2, _, vec4, *_ = types_of(scalar)
+def _brown(scalar: Any, longer: bool) -> LensModel:
+    """The Brown lens; `longer` has a third radial coefficient, k[4]."""
+    vec2 = types_of(scalar).vec2
+    vector = wp.types.vector(length=5 if longer else 4, dtype=scalar)
     residual = RESIDUAL[scalar]
     steps = NEWTON_STEPS
 
     @wp.func
-    def distort(x: scalar, y: scalar, k: vec4):
+    def distort(x: scalar, y: scalar, k: vector):
         r2 = x * x + y * y
         radial = scalar(1.0) + r2 * (k[0] + r2 * k[1])
+        if wp.static(longer):
+            radial += r2 * r2 * r2 * k[4]
         two = scalar(2.0)
         return (
             x * radial + two * k[2] * x * y + k[3] * (r2 + two * x * x),
@@ -133,11 +139,14 @@ def _brown(scalar: Any) -> LensModel:
         )
 
     @wp.func
-    def distort_jacobian(x: scalar, y: scalar, k: vec4):
+    def distort_jacobian(x: scalar, y: scalar, k: vector):
         r2 = x * x + y * y
         radial = scalar(1.0) + r2 * (k[0] + r2 * k[1])
         two, six = scalar(2.0), scalar(6.0)
         slope = two * (k[0] + two * r2 * k[1])  # (d radial / d r^2) * 2
+        if wp.static(longer):
+            radial += r2 * r2 * r2 * k[4]
+            slope += six * r2 * r2 * k[4]
         cross = slope * x * y + two * (k[2] * x + k[3] * y)
         return (
             radial + slope * x * x + two * k[2] * y + six * k[3] * x,
@@ -146,7 +155,7 @@ def _brown(scalar: Any) -> LensModel:
         )
 
     @wp.func
-    def undistort(xd: scalar, yd: scalar, k: vec4, max_radius: scalar):
+    def undistort(xd: scalar, yd: scalar, k: vector, max_radius: scalar):
         x = scalar(xd)
         y = scalar(yd)
         for _ in range(steps):
@@ -163,7 +172,7 @@ def _brown(scalar: Any) -> LensModel:
             ray = vec2(x, y)
         return ray
 
-    return LensModel(distort, distort_jacobian, undistort)
+    return LensModel(vector, distort, distort_jacobian, undistort)
 
 
 def _fisheye(scalar: Any) -> LensModel:
@@ -218,7 +227,7 @@ def _fisheye(scalar: Any) -> LensModel:
                 ray = vec2(xd * r / bent, yd * r / bent)
         return ray
 
-    return LensModel(distort, distort_jacobian, undistort)
+    return LensModel(vec4, distort, distort_jacobian, undistort)
 
 
 @cache
@@ -230,14 +239,15 @@ def pixel_rays_kernel(kind: str = "none", scalar: Any = wp.float32) -> wp.Kernel
     range of the lens.
     """
     vec2, _, vec4, _, _, _ = types_of(scalar)
-    undistort = lens_model(kind, scalar).undistort
+    lens = lens_model(kind, scalar)
+    undistort, vector = lens.undistort, lens.vector
 
     @wp.kernel(module="unique", module_options=OPTIONS)
     def pixel_rays(
         offset: int,
         width: int,
         intrinsics: vec4,
-        coefficients: vec4,
+        coefficients: vector,
         max_radius: scalar,
         # outputs
         rays: wp.array(dtype=vec2),

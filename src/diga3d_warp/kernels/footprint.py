@@ -36,7 +36,7 @@ class Projecting:
     """What projection is compiled for.
 
     Attributes:
-        lens_kind: "none", "brown" or "fisheye".
+        lens_kind: "none", "brown", "brown5" or "fisheye".
         alpha_min, extent, footprint, precision: As in `config.Accuracy`.
         antialias: As in `config.Effects`.
         slopes: Give the slopes of depth over the image, which per-pixel order needs.
@@ -128,7 +128,7 @@ def footprint(kind: Projecting) -> Footprint:
     real = kind.real
     vec2, vec3, vec4, _, mat33, mat44 = types_of(real)
     lens = lens_model(kind.lens_kind, real)
-    distort, distort_jacobian = lens.distort, lens.distort_jacobian
+    vector, distort, distort_jacobian = lens.vector, lens.distort, lens.distort_jacobian
     spread = spread_function(kind.lens_kind, real)
     rotation_of, within = rotation_function(real), within_function(real)
     clamp, exp, log = clamp_function(real), exp_function(real), log_function(real)
@@ -155,7 +155,7 @@ def footprint(kind: Projecting) -> Footprint:
         logit: real,
         pose: mat44,
         f: vec4,
-        coefficients: vec4,
+        coefficients: vector,
         lower: vec2,
         upper: vec2,
         radius_max: real,
@@ -287,7 +287,7 @@ def footprint(kind: Projecting) -> Footprint:
         logit: real,
         pose: mat44,
         f: vec4,
-        coefficients: vec4,
+        coefficients: vector,
         lower: vec2,
         upper: vec2,
         radius_max: real,

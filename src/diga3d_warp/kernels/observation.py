@@ -11,14 +11,16 @@ from functools import cache
 
 import warp as wp
 
+from diga3d_warp.kernels.cameras import lens_model
 from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.reprojection import Motion, placement
 
 
 @cache
 def look_up_kernel(lens_kind: str) -> wp.Kernel:
-    """The kernel for one lens of the other view: "none", "brown" or "fisheye"."""
+    """The kernel for one lens of the other view: "none", "brown", "brown5" or "fisheye"."""
     place = placement(lens_kind)
+    vector = lens_model(lens_kind, wp.float64).vector
 
     @wp.kernel(module="unique", module_options=OPTIONS)
     def look_up(
@@ -28,7 +30,7 @@ def look_up_kernel(lens_kind: str) -> wp.Kernel:
         rotation: wp.mat33d,
         translation: wp.vec3d,
         intrinsics: wp.vec4d,
-        coefficients: wp.vec4d,
+        coefficients: vector,
         radius_max: wp.float64,
         surface: wp.array2d(dtype=float),
         clear: wp.array2d(dtype=wp.bool),

@@ -12,6 +12,7 @@ from functools import cache
 import warp as wp
 
 from diga3d_warp.config import POSE_GROUP
+from diga3d_warp.kernels.cameras import lens_model
 from diga3d_warp.kernels.columns import Columns, columns_for, moves_of
 from diga3d_warp.kernels.footprint import Projecting, footprint
 from diga3d_warp.kernels.lanes import total_function
@@ -25,6 +26,7 @@ def projection_kernel(kind: Projecting, columns: Columns) -> wp.Kernel:
     real, size = kind.real, columns.size
     vec2, vec3, vec4, _, _, mat44 = types_of(real)
     splat, box, _ = footprint(kind)
+    vector = lens_model(kind.lens_kind, real).vector
     pairs, triples, quadruples, singles = (moves_of(dtype, size) for dtype in (vec2, vec3, vec4, real))
     load_vec3, load_vec4, load_real = triples.load, quadruples.load, singles.load
     store_vec2, store_vec3, store_real = pairs.store, triples.store, singles.store
@@ -41,7 +43,7 @@ def projection_kernel(kind: Projecting, columns: Columns) -> wp.Kernel:
         opacity_logits: wp.array(dtype=real),
         poses: wp.array(dtype=mat44),
         intrinsics: wp.array(dtype=vec4),
-        coefficients: vec4,
+        coefficients: vector,
         lower: vec2,
         upper: vec2,
         radius_max: real,
@@ -108,6 +110,7 @@ def adjoint_kernel(kind: Projecting, columns: Columns) -> wp.Kernel:
     real, size = kind.real, columns.size
     vec2, vec3, vec4, _, _, mat44 = types_of(real)
     pulled = wp.grad(footprint(kind).weighted)
+    vector = lens_model(kind.lens_kind, real).vector
     pairs, triples, quadruples, singles = (moves_of(dtype, size) for dtype in (vec2, vec3, vec4, real))
     load_vec2, load_vec3, load_vec4, load_real = pairs.load, triples.load, quadruples.load, singles.load
     store_vec3, store_vec4, store_real = triples.store, quadruples.store, singles.store
@@ -127,7 +130,7 @@ def adjoint_kernel(kind: Projecting, columns: Columns) -> wp.Kernel:
         opacity_logits: wp.array(dtype=real),
         poses: wp.array(dtype=mat44),
         intrinsics: wp.array(dtype=vec4),
-        coefficients: vec4,
+        coefficients: vector,
         lower: vec2,
         upper: vec2,
         radius_max: real,

@@ -51,7 +51,8 @@ _L = ReprojectionLimits()
 @cache
 def placement(lens_kind: str) -> Any:
     """Function (depth, ray, then `Motion.arguments` without the rays) -> (column, row, depth) or NaN."""
-    distort = lens_model(lens_kind, wp.float64).distort
+    lens = lens_model(lens_kind, wp.float64)
+    vector, distort = lens.vector, lens.distort
 
     @wp.func
     def place(
@@ -60,7 +61,7 @@ def placement(lens_kind: str) -> Any:
         rotation: wp.mat33d,
         translation: wp.vec3d,
         intrinsics: wp.vec4d,
-        coefficients: wp.vec4d,
+        coefficients: vector,
         radius_max: wp.float64,
     ):
         nowhere = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
@@ -90,6 +91,7 @@ def position_kernel(lens_kind: str, scalar: Any = wp.float32) -> wp.Kernel:
         scalar: Type of the depth.
     """
     place = placement(lens_kind)
+    vector = lens_model(lens_kind, wp.float64).vector
 
     @wp.kernel(module="unique", module_options=DIFFERENTIABLE)
     def position(
@@ -99,7 +101,7 @@ def position_kernel(lens_kind: str, scalar: Any = wp.float32) -> wp.Kernel:
         rotation: wp.mat33d,
         translation: wp.vec3d,
         intrinsics: wp.vec4d,
-        coefficients: wp.vec4d,
+        coefficients: vector,
         radius_max: wp.float64,
         # outputs
         positions: wp.array(dtype=wp.vec3d),
@@ -162,7 +164,7 @@ class Motion:
     target_height: int
     lens_kind: str
     intrinsics: wp.vec4d
-    coefficients: wp.vec4d
+    coefficients: Any
     radius_max: float
 
     @property

@@ -36,8 +36,9 @@ def spread_function(lens_kind: str, real: Any) -> Any:
     coefficients; `valid_radius`. Its results are two columns of the Gram matrix's rows, in focal lengths: odd
     x, y, then even x, y. The mean moves by the even column over sqrt(2).
     """
-    _, vec3, vec4, *_ = types_of(real)
-    distort = lens_model(lens_kind, real).distort
+    vec3 = types_of(real).vec3
+    lens = lens_model(lens_kind, real)
+    vector, distort = lens.vector, lens.distort
     bent = lens_kind != "none"
     zero, half, one = real(0.0), real(0.5), real(1.0)
     widest, even_scale = real(math.sqrt(3.0)), real(math.sqrt(0.5) / 3.0)
@@ -45,7 +46,7 @@ def spread_function(lens_kind: str, real: Any) -> Any:
 
     @wp.func
     def spread(
-        mean: vec3, x: real, y: real, u: real, v: real, xx: real, xy: real, yy: real, axis: vec3, k: vec4,
+        mean: vec3, x: real, y: real, u: real, v: real, xx: real, xy: real, yy: real, axis: vec3, k: vector,
         radius_max: real,
     ):  # fmt: skip
         h = widest

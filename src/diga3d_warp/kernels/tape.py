@@ -37,6 +37,7 @@ from diga3d_warp.kernels import normals as facing
 from diga3d_warp.kernels import ssim as similarity
 from diga3d_warp.kernels.binning import bin_gaussians
 from diga3d_warp.kernels.blending import Blending
+from diga3d_warp.kernels.cameras import lens_model
 from diga3d_warp.kernels.footprint import Projecting
 from diga3d_warp.kernels.precision import precision_of, types_of
 
@@ -48,14 +49,14 @@ class Lens:
     """Lens and field of view of a camera, as the projection kernel takes them.
 
     Attributes:
-        kind: "none", "brown" or "fisheye".
+        kind: "none", "brown", "brown5" or "fisheye".
         coefficients: Lens coefficients, zeros for a pinhole.
         lower, upper: Undistorted (x/z, y/z) beyond which the EWA Jacobian is not followed.
         radius_max: Undistorted radius below which the lens is one to one [focal lengths]; at most 1e6.
     """
 
     kind: str
-    coefficients: wp.vec4
+    coefficients: Sequence[float]
     lower: wp.vec2
     upper: wp.vec2
     radius_max: float
@@ -112,7 +113,8 @@ def project(
     kind = Projecting.of(lens.kind, accuracy, effects)
     types = types_of(kind.real)
     arrays = [means, log_scales, quaternions, opacity_logits, poses, intrinsics]
-    optics = [types.vec4(*lens.coefficients), types.vec2(*lens.lower), types.vec2(*lens.upper)]
+    vector = lens_model(lens.kind, kind.real).vector
+    optics = [vector(*lens.coefficients), types.vec2(*lens.lower), types.vec2(*lens.upper)]
     dtypes = [types.vec2, kind.real, types.vec3, types.vec2, kind.real]
     if kind.slopes:
         dtypes.append(types.vec2)

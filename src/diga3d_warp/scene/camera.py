@@ -11,7 +11,10 @@ import torch
 from diga3d_warp.config import SPLATTING
 from diga3d_warp.errors import InputError
 
-LensKind = Literal["brown", "fisheye"]
+LensKind = Literal["brown", "brown5", "fisheye"]
+
+COEFFICIENTS = {"brown": 4, "brown5": 5, "fisheye": 4}
+"""Number of coefficients of each kind of lens."""
 
 PIXELS_MAX = 1e6
 """Largest focal length and principal point [px]. No image is larger; the product with the far end of a lens
@@ -30,20 +33,31 @@ class Distortion:
 
     Attributes:
         kind: "brown" (radial and tangential, COLMAP's SIMPLE_RADIAL, RADIAL and OPENCV) or
-            "fisheye" (equidistant, COLMAP's OPENCV_FISHEYE and its shorter forms).
-        coefficients: (k1, k2, p1, p2) for "brown", (k1, k2, k3, k4) for "fisheye". Unitless.
+            "brown5" (the same with a third radial coefficient, OpenCV's five-parameter model and Metashape's
+            K1 to K3) or "fisheye" (equidistant, COLMAP's OPENCV_FISHEYE and its shorter forms).
+        coefficients: (k1, k2, p1, p2) for "brown", (k1, k2, p1, p2, k3) for "brown5" and (k1, k2, k3, k4) for
+            "fisheye". Unitless.
     """
 
     kind: LensKind
-    coefficients: tuple[float, float, float, float]
+    coefficients: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        if self.kind not in ("brown", "fisheye"):
-            raise InputError(f"lens kind {self.kind!r} is unknown: use 'brown' or 'fisheye'")
-        if len(self.coefficients) != 4 or not (np.abs(self.coefficients) <= COEFFICIENT_MAX).all():
+        if self.kind not in COEFFICIENTS:
+            raise InputError(f"lens kind {self.kind!r} is unknown: use one of {', '.join(COEFFICIENTS)}")
+        count = COEFFICIENTS[self.kind]
+        if len(self.coefficients) != count or not (np.abs(self.coefficients) <= COEFFICIENT_MAX).all():
             raise InputError(
-                f"lens coefficients {self.coefficients} must be four numbers up to {COEFFICIENT_MAX:g}"
+                f"coefficients {self.coefficients} of a {self.kind} lens must be {count} numbers up to "
+                f"{COEFFICIENT_MAX:g}"
             )
+
+    @classmethod
+    def brown(cls, k1: float, k2: float, p1: float, p2: float, k3: float = 0.0) -> Distortion | None:
+        """The shortest Brown lens with these coefficients; None if all are zero."""
+        if k3:
+            return cls("brown5", (k1, k2, p1, p2, k3))
+        return cls("brown", (k1, k2, p1, p2)) if any((k1, k2, p1, p2)) else None
 
 
 @dataclass(frozen=True, eq=False)

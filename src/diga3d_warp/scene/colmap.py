@@ -60,12 +60,15 @@ def read_colmap(root: Path, reconstruction: Path) -> Capture:
 
 
 def colmap_lens(camera: Camera) -> tuple[str, list[float]]:
-    """COLMAP's name and parameters of a camera's lens: PINHOLE, OPENCV or OPENCV_FISHEYE."""
+    """COLMAP's name and parameters of a camera's lens: PINHOLE, OPENCV, FULL_OPENCV or OPENCV_FISHEYE."""
     focal_and_center = [camera.fx, camera.fy, camera.cx, camera.cy]
-    if camera.distortion is None:
+    lens = camera.distortion
+    if lens is None:
         return "PINHOLE", focal_and_center
-    model = "OPENCV" if camera.distortion.kind == "brown" else "OPENCV_FISHEYE"
-    return model, [*focal_and_center, *camera.distortion.coefficients]
+    if lens.kind == "brown5":
+        return "FULL_OPENCV", [*focal_and_center, *lens.coefficients, 0.0, 0.0, 0.0]
+    model = "OPENCV" if lens.kind == "brown" else "OPENCV_FISHEYE"
+    return model, [*focal_and_center, *lens.coefficients]
 
 
 def posed_reconstruction(cameras: Mapping[str, Camera]) -> pycolmap.Reconstruction:

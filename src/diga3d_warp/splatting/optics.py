@@ -9,13 +9,14 @@ import numpy as np
 import warp as wp
 
 from diga3d_warp.config import SPLATTING
-from diga3d_warp.kernels.cameras import pixel_rays_kernel, valid_radius
+from diga3d_warp.kernels.cameras import lens_model, pixel_rays_kernel, valid_radius
 from diga3d_warp.kernels.launch import launch
 from diga3d_warp.scene.camera import Camera, Distortion
 
-NO_RADIUS_LIMIT = 1e6
-"""Stands for an infinite valid radius [focal lengths]: a ray a fifth of an arc second from the image plane.
-The fifth power of it, which a lens polynomial takes, is still a float32."""
+NO_RADIUS_LIMIT = {"none": 1e6, "brown": 1e6, "brown5": 1e4, "fisheye": 1e6}
+"""Stands for an infinite valid radius [focal lengths]: a ray a fifth of an arc second from the image plane,
+or 20 arc seconds. The power of it that a lens polynomial takes, the fifth or the seventh, still is a float32
+after a product with `PIXELS_MAX` and `COEFFICIENT_MAX`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +24,7 @@ class Optics:
     """Lens and field of view of a camera, without its pose.
 
     Attributes:
-        lens_kind: "none", "brown" or "fisheye".
+        lens_kind: "none", "brown", "brown5" or "fisheye".
         coefficients: Lens coefficients, zeros for a pinhole.
         radius_max: Undistorted radius below which the lens is one to one [focal lengths].
         lower, upper: Undistorted (x/z, y/z) beyond which the EWA Jacobian is not followed.
@@ -32,7 +33,7 @@ class Optics:
     """
 
     lens_kind: str
-    coefficients: tuple[float, float, float, float]
+    coefficients: tuple[float, ...]
     radius_max: float
     lower: tuple[float, float]
     upper: tuple[float, float]
@@ -50,11 +51,11 @@ def _optics(
 ) -> Optics:
     kind = distortion.kind if distortion else "none"
     coefficients = distortion.coefficients if distortion else (0.0, 0.0, 0.0, 0.0)
-    radius = min(valid_radius(kind, coefficients), NO_RADIUS_LIMIT)
+    radius = min(valid_radius(kind, coefficients), NO_RADIUS_LIMIT[kind])
     rays = wp.empty(width * height, dtype=wp.vec2, device="cpu")
     launch(
         pixel_rays_kernel(kind), width * height,
-        [width, wp.vec4(fx, fy, cx, cy), wp.vec4(*coefficients), radius], [rays],
+        [width, wp.vec4(fx, fy, cx, cy), lens_model(kind).vector(*coefficients), radius], [rays],
         device="cpu",
     )  # fmt: skip
     seen = rays.numpy()

@@ -9,6 +9,7 @@ import warp as wp
 
 from diga3d_warp.config import POSE_GROUP, Accuracy, Effects
 from diga3d_warp.kernels import projection
+from diga3d_warp.kernels.cameras import lens_model
 from diga3d_warp.kernels.footprint import Projecting
 from diga3d_warp.kernels.precision import types_of
 from diga3d_warp.scene.camera import Camera
@@ -151,7 +152,7 @@ def _arguments(inputs: tuple[torch.Tensor, ...], optics: Optics, kind: Projectin
     types = types_of(kind.real)
     return [
         *warp_arrays(inputs, _input_types(kind)),
-        types.vec4(*optics.coefficients),
+        lens_model(kind.lens_kind, kind.real).vector(*optics.coefficients),
         types.vec2(*optics.lower),
         types.vec2(*optics.upper),
         optics.radius_max,

@@ -12,7 +12,7 @@ import warp as wp
 from diga3d_warp.config import Accuracy
 from diga3d_warp.errors import InputError
 from diga3d_warp.kernels import reprojection
-from diga3d_warp.kernels.cameras import pixel_rays_kernel
+from diga3d_warp.kernels.cameras import lens_model, pixel_rays_kernel
 from diga3d_warp.kernels.launch import launch
 from diga3d_warp.kernels.reprojection import Motion, ReprojectionLimits
 from diga3d_warp.scene.camera import Camera, Distortion
@@ -116,7 +116,7 @@ def motion_between(source: Camera, target: Camera, device: torch.device) -> Moti
         target_height=target.height,
         lens_kind=optics.lens_kind,
         intrinsics=wp.vec4d(target.fx, target.fy, target.cx, target.cy),
-        coefficients=wp.vec4d(*optics.coefficients),
+        coefficients=lens_model(optics.lens_kind, wp.float64).vector(*optics.coefficients),
         radius_max=optics.radius_max,
     )  # fmt: skip
 
@@ -134,11 +134,12 @@ def _rays(
 ) -> wp.array:
     camera = Camera(width, height, fx, fy, cx, cy, torch.eye(4), distortion)
     optics = optics_of(camera)
+    coefficients = lens_model(optics.lens_kind, wp.float64).vector(*optics.coefficients)
     rays = wp.empty(width * height, dtype=wp.vec2d, device=wp.device_from_torch(device))
     launch(
         pixel_rays_kernel(optics.lens_kind, wp.float64),
         width * height,
-        [width, wp.vec4d(fx, fy, cx, cy), wp.vec4d(*optics.coefficients), optics.radius_max],
+        [width, wp.vec4d(fx, fy, cx, cy), coefficients, optics.radius_max],
         [rays],
         device=rays.device,
     )
