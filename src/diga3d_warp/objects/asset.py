@@ -6,10 +6,9 @@ height, whichever is more, has length 1.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -17,21 +16,12 @@ import torch
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.ply import read_ply
+from diga3d_warp.objects.mesh_file import MeshPart, read_mesh
 from diga3d_warp.objects.surface import unit
-from diga3d_warp.objects.wrapping import sampled
 from diga3d_warp.scene.splat import is_splat
-
-if TYPE_CHECKING:
-    from trimesh import Trimesh
 
 UPRIGHT_Y = (".glb", ".gltf", ".obj", ".dae")
 """Formats whose files have y up: glTF by its standard, OBJ and Collada by custom. Others have z up."""
-
-GREY = 0.7
-"""Display value of a mesh without any colour."""
-
-FACES_MOST = 400_000
-"""Most faces of a mesh that is used as it is; larger ones only cost memory at the size of an object."""
 
 Painter = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Face (P,), weights of its corners (P, 3), position and normal in the asset's axes (P, 3) to display RGB."""
@@ -46,12 +36,14 @@ class MeshAsset:
         faces: Corner indices, shape (F, 3), int32, counter-clockwise from outside.
         normals: Outer unit normals at the corners of each face, shape (F, 3, 3).
         painter: Its colours without light.
+        notes: What a user should know of the reading, one line each.
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     normals: np.ndarray
     painter: Painter
+    notes: tuple[str, ...] = ()
 
     @property
     def extent(self) -> np.ndarray:
@@ -66,10 +58,12 @@ class SplatAsset:
     Attributes:
         gaussians: In the asset's axes.
         hull: Corners and faces of the convex hull of their middles, (V, 3) and (F, 3): casts the shadow.
+        notes: What a user should know of the reading, one line each.
     """
 
     gaussians: Gaussians
     hull: tuple[np.ndarray, np.ndarray]
+    notes: tuple[str, ...] = ()
 
     @property
     def extent(self) -> np.ndarray:
@@ -89,107 +83,68 @@ def read_asset(path: Path) -> Asset:
     if not path.is_file():
         raise InputError(f"{path}: no such asset; give a mesh (.glb, .obj, .ply, .stl) or a splat .ply")
     if path.suffix.lower() == ".ply" and is_splat(path):
-        return splat_asset(read_ply(path).gaussians)
-    return mesh_asset(_loaded(path), upright_y=path.suffix.lower() in UPRIGHT_Y, name=str(path))
-
-
-def _loaded(path: Path) -> Trimesh:
-    import trimesh
-
-    try:
-        loaded = trimesh.load_mesh(path)
-    except Exception as error:  # its readers raise whatever a damaged file leads them to
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(f"{path}: not readable as a mesh ({reason}); export it as .glb or .ply") from error
-    return loaded.to_mesh() if hasattr(loaded, "to_mesh") else loaded
-
-
-def mesh_asset(mesh: Trimesh, *, upright_y: bool, name: str, painter: Painter | None = None) -> MeshAsset:
-    """An asset of a trimesh mesh.
-
-    Args:
-        mesh: With texture, vertex colours, face colours or none.
-        upright_y: Whether y is up in it, rather than z.
-        name: For error lines.
-        painter: Colours; those of the mesh if None.
-
-    Raises:
-        InputError: the mesh has no face, or corners that are not finite.
-    """
-    vertices = np.asarray(getattr(mesh, "vertices", np.zeros((0, 3))), np.float64)
-    faces = np.asarray(getattr(mesh, "faces", np.zeros((0, 3))), np.int32)
-    if len(faces) == 0 or len(vertices) == 0:
-        raise InputError(f"{name}: holds no faces; give a mesh, or a 3DGS .ply of gaussians")
-    if len(faces) > FACES_MOST:
-        raise InputError(f"{name}: has {len(faces)} faces; simplify it to at most {FACES_MOST}")
-    if not np.isfinite(vertices).all() or not np.ptp(vertices[faces.reshape(-1)], axis=0).any():
-        raise InputError(f"{name}: has corners that are not finite, or no size; export it again")
-    normals = np.asarray(mesh.vertex_normals, np.float64)[faces]
-    flat = np.asarray(mesh.face_normals, np.float64)
-    # Corners of sharp edges have the mean of their faces' normals, which would round the edges off.
-    sharp = (normals * flat[:, None]).sum(axis=2) < SMOOTH
-    normals = np.where(sharp[..., None], flat[:, None], normals)
-    if upright_y:
-        vertices, normals = _y_to_z(vertices), _y_to_z(normals)
-    used = vertices[np.unique(faces)]
-    low, high = used.min(axis=0), used.max(axis=0)
-    middle = np.array([*(0.5 * (low + high))[:2], low[2]])
-    return MeshAsset(
-        (vertices - middle) / (high - low).max(), faces, unit(normals), painter or _own_colors(mesh)
+        content = read_ply(path)
+        return splat_asset(content.gaussians, content.notes)
+    file = read_mesh(path)
+    if not file.parts:
+        reason = f" ({file.notes[-1].partition(': ')[2]})" if file.notes else ""
+        raise InputError(f"{path}: holds no faces{reason}; give a mesh, or a 3DGS .ply of gaussians")
+    return mesh_asset(
+        file.parts, upright_y=path.suffix.lower() in UPRIGHT_Y, name=str(path), notes=tuple(file.notes)
     )
 
 
-SMOOTH = 0.82
-"""Least cosine between a face and the mean of its corner's faces for the corner to be smooth: 35 degrees."""
+def mesh_asset(
+    parts: Sequence[MeshPart], *, upright_y: bool, name: str, painter: Painter | None = None,
+    notes: tuple[str, ...] = (),
+) -> MeshAsset:  # fmt: skip
+    """An asset of one or more meshes.
+
+    Args:
+        parts: At least one, with at least one face each.
+        upright_y: Whether y is up in them, rather than z.
+        name: For error lines.
+        painter: Colours; those of the parts if None.
+        notes: As in `MeshAsset`.
+
+    Raises:
+        InputError: the meshes have no size, or one beyond what float32 holds.
+    """
+    corners = np.concatenate([part.corners for part in parts])
+    normals = np.concatenate([part.normals for part in parts])
+    if upright_y:
+        corners, normals = _y_to_z(corners), _y_to_z(normals)
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    size = float((high - low).max())
+    if not 0.0 < size < np.inf:
+        raise InputError(f"{name}: has no size; export it again")
+    middle = np.array([*(0.5 * (low + high))[:2], low[2]])
+    vertices, faces = np.unique(((corners - middle) / size).reshape(-1, 3), axis=0, return_inverse=True)
+    faces = faces.reshape(-1, 3).astype(np.int32)
+    return MeshAsset(vertices, faces, unit(normals), painter or _colors_of(parts), notes)
 
 
 def _y_to_z(vectors: np.ndarray) -> np.ndarray:
     return np.stack([vectors[..., 0], -vectors[..., 2], vectors[..., 1]], axis=-1)
 
 
-def _own_colors(mesh: Trimesh) -> Painter:
-    """The colours that a mesh brings along."""
-    visual: Any = mesh.visual
-    faces = np.asarray(mesh.faces)
-    image = _texture_of(visual)
-    uv = getattr(visual, "uv", None)
-    if image is not None and uv is not None and len(uv) == len(mesh.vertices):
-        corners = np.asarray(uv, np.float64)[faces]
+def _colors_of(parts: Sequence[MeshPart]) -> Painter:
+    """The colours that each part brings along."""
+    starts = np.cumsum([0, *(len(part.corners) for part in parts)])
 
-        def textured(face: np.ndarray, weights: np.ndarray, _: np.ndarray, __: np.ndarray) -> np.ndarray:
-            place = (corners[face] * weights[..., None]).sum(axis=1)
-            return sampled(image, place[:, 0], 1.0 - place[:, 1])
+    def painted(face: np.ndarray, weights: np.ndarray, _: np.ndarray, __: np.ndarray) -> np.ndarray:
+        colors = np.empty((len(face), 3))
+        for part, start, end in zip(parts, starts, starts[1:], strict=False):
+            rows = (face >= start) & (face < end)
+            if rows.any():
+                colors[rows] = part.colors(face[rows] - start, weights[rows])
+        return colors
 
-        return textured
-    colors = _corner_colors(visual, faces)
-
-    def interpolated(face: np.ndarray, weights: np.ndarray, _: np.ndarray, __: np.ndarray) -> np.ndarray:
-        return (colors[face] * weights[..., None]).sum(axis=1)
-
-    return interpolated
+    return painted
 
 
-def _texture_of(visual: Any) -> np.ndarray | None:
-    """The base colour texture as display RGB in [0, 1], shape (H, W, 3); None without one."""
-    material = getattr(visual, "material", None)
-    picture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    return None if picture is None else np.asarray(picture.convert("RGB"), np.float64) / 255.0
-
-
-def _corner_colors(visual: Any, faces: np.ndarray) -> np.ndarray:
-    """Display RGB at the corners of each face, shape (F, 3, 3)."""
-    kind = getattr(visual, "kind", None)
-    if kind == "vertex":
-        return np.asarray(visual.vertex_colors, np.float64)[:, :3][faces] / 255.0
-    if kind == "face":
-        return np.asarray(visual.face_colors, np.float64)[:, None, :3].repeat(3, axis=1) / 255.0
-    main = getattr(getattr(visual, "material", None), "main_color", None)
-    plain = np.full(3, GREY) if main is None else np.asarray(main, np.float64)[:3] / 255.0
-    return np.broadcast_to(plain, (*faces.shape, 3))
-
-
-def splat_asset(gaussians: Gaussians) -> SplatAsset:
-    """An asset of gaussians; z is up in them.
+def splat_asset(gaussians: Gaussians, notes: Sequence[str] = ()) -> SplatAsset:
+    """An asset of gaussians; z is up in them. The notes are kept.
 
     Raises:
         InputError: fewer than four gaussians are opaque enough to be a body.
@@ -213,4 +168,5 @@ def splat_asset(gaussians: Gaussians) -> SplatAsset:
         raise InputError("the splat asset is flat: give the splat of an object") from error
     corner = np.full(len(points), -1)
     corner[hull.vertices] = np.arange(len(hull.vertices))
-    return SplatAsset(placed, (points[hull.vertices], corner[hull.simplices].astype(np.int32)))
+    surface = points[hull.vertices], corner[hull.simplices].astype(np.int32)
+    return SplatAsset(placed, surface, tuple(notes))

@@ -12,6 +12,7 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.materials.vocabulary import words_of
 from diga3d_warp.objects.asset import MeshAsset, mesh_asset
 from diga3d_warp.objects.frame import Frame
+from diga3d_warp.objects.mesh_file import mesh_part
 from diga3d_warp.objects.picture import chosen_material
 from diga3d_warp.objects.sheen import polished
 from diga3d_warp.objects.wrapping import wrap
@@ -107,4 +108,4 @@ def solid_of(prompt: str, seed: int, exemplar: Path | None = None) -> MeshAsset:
     def painted(_: np.ndarray, __: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         return polished(wrap(texture, points, normals, frame, period=1.0), normals, material.polish)
 
-    return mesh_asset(SOLIDS[name](), upright_y=False, name=prompt, painter=painted)
+    return mesh_asset([mesh_part(SOLIDS[name]())], upright_y=False, name=prompt, painter=painted)

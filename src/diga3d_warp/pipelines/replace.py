@@ -140,6 +140,8 @@ def replace(
         removal = with_changes(removal, method=with_changes(method, distillation=None))
     elif asset is None:
         asset = solid_of(prompt, seed)
+    for note in asset.notes if asset else ():
+        run.note(note)
     scene = marking.mark(run, scene, marks)
     stages.check_edit(scene, method.references)
     taken = take_out(scene, run, removal, prior, marks, seed, effects)
