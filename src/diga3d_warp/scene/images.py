@@ -1,4 +1,4 @@
-"""Photographs: which of several image folders to read, at which size, and whether a file is whole.
+"""Photographs: which of several image folders to read, and pixels at the size that is wanted.
 
 A photograph with an alpha channel is kept over one colour, with its alpha beside it. Both are linear in
 colour times alpha: averaging them over areas brings in no fringe of what the file holds where nothing shows,
@@ -7,21 +7,24 @@ and the photograph over any other colour follows from the two.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Condition
 from typing import NamedTuple
 
 import numpy as np
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import to_bytes
+from diga3d_warp.scene.decoding import LIMITS, decode, read_bytes, read_header, turned
 
-# A marker that ends the entropy-coded part of a JPEG: 0xff, not stuffed, no restart, no fill byte.
-_JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
-_PNG_END = b"IEND\xaeB`\x82"
 _TIFF = (b"II*\0", b"MM\0*")
+_FINE = 65535  # composed colours are kept in 16 bits until they are averaged
+_ROW_PIXELS = 1 << 20  # composed at a time
+FLOAT_SLACK = 0.05
+"""How far floats of an image may lie outside of [0, 1]: what sharpening and resampling overshoot; clipped."""
 
 BACKGROUND = (1.0, 1.0, 1.0)
 """Colour behind photographs that have transparent pixels, and behind their renderings, RGB: white, as in the
@@ -61,92 +64,89 @@ def choose_folder(folders: Mapping[int, Path], scale: float) -> tuple[Path, floa
     return folders[chosen], min(scale * chosen / largest, 1.0)
 
 
-def _jpeg_is_whole(data: bytes) -> bool:
-    """Whether a JPEG reaches its end marker; what follows it (a film, a second image) does not count."""
-    position = 2
-    while (marker := _JPEG_MARKER.search(data, position)) is not None:
-        code, position = data[marker.start() + 1], marker.end()
-        if code == 0xD9:
-            return True
-        position += int.from_bytes(data[position : position + 2], "big")
-    return False
-
-
 def read_image(path: Path, *, upright: bool = False) -> np.ndarray:
     """An image as uint8 RGB, shape (H, W, 3); an alpha channel is not read.
 
     Args:
         path: The file.
-        upright: Turn it as its EXIF orientation says. Views are not turned, as COLMAP and nerfstudio do not:
-            their calibration is that of the pixels as stored.
+        upright: Turn it as its EXIF orientation says.
 
     Raises:
-        InputError: the file is no image that OpenCV reads, or it is cut short.
+        InputError: the file is no image that is read, or it is cut short.
     """
-    import cv2
+    data = read_bytes(path)
+    pixels = _rgb(decode(data, path), path)
+    return turned(pixels, read_header(data, path).orientation) if upright else pixels
 
-    flags = cv2.IMREAD_COLOR_RGB | (0 if upright else cv2.IMREAD_IGNORE_ORIENTATION)
-    return _decoded(path, _whole(path), flags)
 
-
-def read_photograph(path: Path, scale: float = 1.0) -> Photograph:
+def read_photograph(path: Path, scale: float = 1.0, orientation: int = 1) -> Photograph:
     """An image with its alpha, if it has one, resized.
 
     Args:
-        path: The file, of 8 or 16 bits. Alpha is straight, as PNG and WebP define it.
+        path: The file, of 8 or 16 bits, or of floats in [0, 1]. Alpha is straight, as PNG and WebP define it.
         scale: In (0, 1].
+        orientation: Turn it by this EXIF orientation; 1 leaves it as stored.
 
     Raises:
-        InputError: the file is no image that OpenCV reads, it is cut short, or alpha is 0 everywhere.
+        InputError: the file is no image that is read, it is cut short, or alpha is 0 everywhere.
     """
-    import cv2
-
-    data = _whole(path)
-    stored = _decoded(path, data, cv2.IMREAD_UNCHANGED)
-    if stored.ndim == 3 and stored.shape[2] == 4 and stored[..., 3].min() < _white(stored):
+    data = read_bytes(path)
+    stored = decode(data, path)
+    if stored.ndim == 3 and stored.shape[2] == 4 and stored[..., 3].min() < _white(stored, path):
         if not stored[..., 3].any():
             raise InputError(f"{path}: alpha is 0 everywhere; export it with the object opaque")
-        return _composed(stored, scale, premultiplied=data[:4] in _TIFF and stored.dtype == np.uint8)
-    if stored.ndim == 3 and stored.shape[2] == 3 and stored.dtype == np.uint8:
-        pixels = np.ascontiguousarray(stored[..., ::-1])
-    else:
-        pixels = _decoded(path, data, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
-    return Photograph(resize_image(pixels, scale))
+        over, alpha = _composed(stored, path, premultiplied=data[:4] in _TIFF and stored.dtype == np.uint8)
+        small = [to_bytes(resize_image(plane, scale) / np.float32(_FINE)) for plane in (over, alpha)]
+        return Photograph(turned(small[0], orientation), turned(small[1], orientation))
+    return Photograph(turned(_rgb(resize_image(stored, scale), path), orientation))
 
 
-def _whole(path: Path) -> bytes:
-    data = path.read_bytes()
-    # OpenCV fills the missing part of a truncated file with grey and reports success.
-    truncated = (data[:2] == b"\xff\xd8" and not _jpeg_is_whole(data)) or (
-        data[:4] == b"\x89PNG" and _PNG_END not in data
-    )
-    if truncated:
-        raise InputError(f"{path}: the image is cut short; copy it again")
-    return data
+def _white(stored: np.ndarray, name: Path) -> float:
+    """The value of white, and of full opacity.
+
+    Raises:
+        InputError: the numbers are of a type, or in a range, that no photograph has.
+    """
+    if stored.dtype in (np.uint8, np.uint16):
+        return float(np.iinfo(stored.dtype).max)
+    if stored.dtype not in (np.float32, np.float64):
+        raise InputError(f"{name}: the image holds {stored.dtype} numbers; write it with 8 or 16 bits")
+    low, high = float(stored.min()), float(stored.max())
+    if not (low >= -FLOAT_SLACK and high <= 1.0 + FLOAT_SLACK):
+        raise InputError(
+            f"{name}: the image holds floats from {low:g} to {high:g}; map them to [0, 1], or write 8 bits"
+        )
+    return 1.0
 
 
-def _decoded(path: Path, data: bytes, flags: int) -> np.ndarray:
-    import cv2
-
-    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
-    if pixels is None:
-        raise InputError(f"{path}: not readable as an image; copy it again")
-    return pixels
-
-
-def _white(stored: np.ndarray) -> float:
-    """The value of white, and of full opacity."""
-    return float(np.iinfo(stored.dtype).max) if np.issubdtype(stored.dtype, np.integer) else 1.0
+def _rgb(stored: np.ndarray, name: Path) -> np.ndarray:
+    """A decoded image as uint8 RGB, shape (H, W, 3), without its alpha."""
+    color = stored[..., None].repeat(3, axis=2) if stored.ndim == 2 else stored[..., 2::-1]
+    if stored.dtype == np.uint8:
+        return np.ascontiguousarray(color)
+    scaled = np.multiply(color, 255.0 / _white(stored, name), dtype=np.float32)
+    return np.rint(np.clip(scaled, 0.0, 255.0, out=scaled), out=scaled).astype(np.uint8)
 
 
-def _composed(stored: np.ndarray, scale: float, premultiplied: bool) -> Photograph:
-    """A decoded image, BGR and alpha, over `BACKGROUND`. OpenCV multiplies the colours of an 8-bit TIFF."""
-    values = stored.astype(np.float32) / _white(stored)
-    color, alpha = values[..., 2::-1], values[..., 3]
-    if not premultiplied:
-        color = color * alpha[..., None]
-    composed = color + (1.0 - alpha)[..., None] * np.array(BACKGROUND, np.float32)
-    return Photograph(to_bytes(resize_image(composed, scale)), to_bytes(resize_image(alpha, scale)))
+def _composed(stored: np.ndarray, name: Path, premultiplied: bool) -> tuple[np.ndarray, np.ndarray]:
+    """A decoded image, BGR and alpha, over `BACKGROUND`, and its alpha, in parts of `_FINE`, uint16.
+
+    OpenCV multiplies the colours of an 8-bit TIFF by alpha. Rows are composed a few at a time: in floats, the
+    whole of a large image would take several times its memory.
+    """
+    over = np.empty((*stored.shape[:2], 3), np.uint16)
+    alphas = np.empty(stored.shape[:2], np.uint16)
+    white = _white(stored, name)
+    rows = max(1, _ROW_PIXELS // stored.shape[1])
+    for top in range(0, len(stored), rows):
+        part = slice(top, top + rows)
+        values = np.clip(stored[part].astype(np.float32) / white, 0.0, 1.0)
+        color, alpha = values[..., 2::-1], values[..., 3]
+        if not premultiplied:
+            color = color * alpha[..., None]
+        over[part] = np.rint((color + (1.0 - alpha)[..., None] * np.array(BACKGROUND, np.float32)) * _FINE)
+        alphas[part] = np.rint(alpha * _FINE)
+    return over, alphas
 
 
 def resize_image(pixels: np.ndarray, scale: float) -> np.ndarray:
@@ -158,15 +158,43 @@ def resize_image(pixels: np.ndarray, scale: float) -> np.ndarray:
     return pixels if size == (width, height) else cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
 
 
+class _Room:
+    """Lets threads decode as long as their images together stay within a number of pixels; one always may."""
+
+    def __init__(self, pixels: int) -> None:
+        self._size = self._free = pixels
+        self._changed = Condition()
+
+    @contextmanager
+    def of(self, pixels: int) -> Iterator[None]:
+        taken = min(pixels, self._size)
+        with self._changed:
+            self._changed.wait_for(lambda: self._free >= taken)
+            self._free -= taken
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._free += taken
+                self._changed.notify_all()
+
+
 def read_photographs(
     files: Sequence[Path], scale: float, progress: bool
 ) -> Iterator[Photograph | InputError]:
-    """Read and resize images on all cores, in order; what could not be read is yielded as its error."""
+    """Read and resize images on all cores, in order; what could not be read is yielded as its error.
+
+    Few large images are decoded at the same time: see `DecodingLimits.at_once`.
+    """
     from tqdm import tqdm
+
+    room = _Room(LIMITS.at_once)
 
     def read(path: Path) -> Photograph | InputError:
         try:
-            return read_photograph(path, scale)
+            header = read_header(path)
+            with room.of(header.width * header.height):
+                return read_photograph(path, scale)
         except InputError as error:
             return error
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.capture import image_files, image_key
+from diga3d_warp.scene.decoding import decode, read_bytes
 from diga3d_warp.scene.scene import View
 
 
@@ -133,9 +134,8 @@ def read_mask(path: Path, width: int, height: int) -> np.ndarray:
     """
     import cv2
 
-    data = np.fromfile(path, np.uint8)
-    stored = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
-    if stored is None or stored.dtype.kind != "u":
+    stored = decode(read_bytes(path), path)
+    if stored.dtype.kind != "u":
         raise InputError(f"{path}: not readable as an image of whole numbers; write the mask again as .png")
     mask = _binary(stored)
     expected_height = round(mask.shape[1] * height / width)
