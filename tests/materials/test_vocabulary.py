@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from diga3d_warp.errors import InputError
-from diga3d_warp.materials.vocabulary import MATERIALS, PROMPT_MOST, material_of
+from diga3d_warp.materials.vocabulary import MATERIALS
 
 SIDE = 128
 
@@ -18,7 +17,6 @@ def test_there_are_enough_materials_and_no_word_means_two():
     assert len(MATERIALS) >= 24
     words = [word for material in MATERIALS.values() for word in (material.name, *material.also)]
     assert len(set(words)) == len(words)
-    assert all(material_of(word).name == name for name, m in MATERIALS.items() for word in (name, *m.also))
 
 
 @pytest.mark.parametrize("name", MATERIALS)
@@ -54,40 +52,3 @@ def test_materials_look_different(exemplars):
     distance = np.linalg.norm(looks[:, None] - looks[None], axis=-1)
     np.fill_diagonal(distance, np.inf)
     assert distance.min() > 0.02
-
-
-@pytest.mark.parametrize(
-    ("prompt", "name"),
-    [
-        ("a bear made of White MARBLE", "marble"),
-        ("polished black marble", "black marble"),
-        ("a golden sphere on wooden legs", "gold"),
-        ("Wood", "wood"),
-        ("wool, knitted by hand", "knitted wool"),
-    ],
-)
-def test_a_prompt_names_a_material(prompt, name):
-    assert material_of(prompt).name == name
-
-
-@pytest.mark.parametrize(
-    ("prompt", "said"),
-    [
-        ("", "the prompt is empty"),
-        (" \n\t?!", "the prompt is empty"),
-        ("wood " * 2000, f"the prompt has 10000 characters: give at most {PROMPT_MOST}"),
-        ("made of kryptonite", "'made of kryptonite' names no built-in material: use one of wood, walnut"),
-        ("krypton\nite " * 60, "names no built-in material"),
-    ],
-)
-def test_prompts_that_cannot_be_used(prompt, said):
-    with pytest.raises(InputError) as caught:
-        material_of(prompt)
-    assert said in str(caught.value) and "\n" not in str(caught.value)
-
-
-def test_an_unknown_material_lists_all_and_names_the_priors_that_read_free_text():
-    with pytest.raises(InputError) as caught:
-        material_of("kryptonite")
-    assert all(name in str(caught.value) for name in MATERIALS)
-    assert "sd-inpainting" in str(caught.value) and "powerpaint" in str(caught.value)

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
 
-from diga3d_warp.errors import InputError
 from diga3d_warp.materials import crafted, masonry, metal, nature, soft, stone, wood
-
-PROMPT_MOST = 1000
-"""Longest prompt [characters]. The text encoder of Stable Diffusion reads 77 tokens, about 300 characters."""
+from diga3d_warp.materials.tint import Tint
 
 Painter = Callable[[Generator, int], np.ndarray]
 """A random generator and a side [texels] to a seamless texture, display values, shape (side, side, 3)."""
@@ -28,12 +24,16 @@ class Material:
         painter: Paints its texture, upright: v runs downwards on an object.
         also: Other words for it.
         polish: How much of its look is a mirror image, from 0 for none to 1 [1]: see `objects.sheen`.
+        tint: The colour that a prompt asks for; None for its own.
+        notes: What a user should know of how the prompt or picture was read, one line each.
     """
 
     name: str
     painter: Painter
     also: tuple[str, ...] = ()
     polish: float = 0.0
+    tint: Tint | None = None
+    notes: tuple[str, ...] = ()
 
     def exemplar(self, size: int, seed: int) -> np.ndarray:
         """A seamless picture of the material in display values, shape (size, size, 3), float32 in [0, 1].
@@ -43,7 +43,8 @@ class Material:
             seed: Same size and seed, same picture.
         """
         rng = np.random.default_rng([seed, *self.name.encode()])
-        return np.clip(self.painter(rng, size), 0.0, 1.0).astype(np.float32)
+        texture = np.clip(self.painter(rng, size), 0.0, 1.0).astype(np.float32)
+        return texture if self.tint is None else self.tint.on(texture)
 
 
 def _upright(painter: Painter) -> Painter:
@@ -107,45 +108,3 @@ MATERIALS: dict[str, Material] = {
     )
 }
 """The vocabulary by name, kin beside kin."""
-
-_BY_WORDS = {words: material for material in MATERIALS.values() for words in (material.name, *material.also)}
-
-
-def words_of(prompt: str) -> list[str]:
-    """The words of a prompt in lower case.
-
-    Raises:
-        InputError: the prompt holds no word, or more than `PROMPT_MOST` characters.
-    """
-    if len(prompt) > PROMPT_MOST:
-        raise InputError(f"the prompt has {len(prompt)} characters: give at most {PROMPT_MOST}")
-    words = re.findall(r"\w+", prompt.lower())
-    if not words:
-        raise InputError('the prompt is empty: give one such as --prompt "white marble"')
-    return words
-
-
-def first_named(words: list[str], names: dict[str, Material]) -> Material | None:
-    """The entry that is named first; of several that begin with one word, the longest name."""
-    for start in range(len(words)):
-        for length in (3, 2, 1):
-            found = names.get(" ".join(words[start : start + length]))
-            if found is not None:
-                return found
-    return None
-
-
-def material_of(prompt: str) -> Material:
-    """The material that a prompt names: the first one, "black marble" before "marble".
-
-    Raises:
-        InputError: the prompt is empty or too long, or names no material of the vocabulary.
-    """
-    found = first_named(words_of(prompt), _BY_WORDS)
-    if found is None:
-        shown = prompt if len(prompt) <= 60 else prompt[:57] + "..."
-        raise InputError(
-            f"the prompt {shown!r} names no built-in material: use one of {', '.join(MATERIALS)}; "
-            "for free text use --prior sd-inpainting or --prior powerpaint"
-        )
-    return found

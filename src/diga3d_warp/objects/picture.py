@@ -12,7 +12,8 @@ import numpy as np
 from numpy.random import Generator
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.materials.vocabulary import Material, material_of
+from diga3d_warp.materials.prompt import material_of
+from diga3d_warp.materials.vocabulary import Material
 from diga3d_warp.scene.images import read_image, resize_image
 
 SIDE_LEAST = 32

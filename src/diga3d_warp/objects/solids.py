@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.materials.vocabulary import words_of
+from diga3d_warp.materials.prompt import no_material, read_prompt, shown
 from diga3d_warp.objects.asset import MeshAsset, mesh_asset
 from diga3d_warp.objects.frame import Frame
 from diga3d_warp.objects.mesh_file import mesh_part
-from diga3d_warp.objects.picture import chosen_material
+from diga3d_warp.objects.picture import picture_material
 from diga3d_warp.objects.sheen import polished
 from diga3d_warp.objects.wrapping import wrap
 
@@ -80,6 +80,8 @@ ALSO = {
 }  # fmt: skip
 """Other words for them."""
 
+THINGS = {**{name: name for name in SOLIDS}, **ALSO}
+
 
 def solid_of(prompt: str, seed: int, exemplar: Path | None = None) -> MeshAsset:
     """The solid that a prompt names, in the material that it names.
@@ -93,19 +95,25 @@ def solid_of(prompt: str, seed: int, exemplar: Path | None = None) -> MeshAsset:
         InputError: the prompt is empty or too long, or names no built-in solid or no material, or the picture
             is not usable.
     """
-    words = words_of(prompt)
-    name = next((ALSO.get(word, word) for word in words if ALSO.get(word, word) in SOLIDS), None)
-    if name is None:
-        shown = prompt if len(prompt) <= 60 else prompt[:57] + "..."
+    reading = read_prompt(prompt, THINGS)
+    if reading.thing is None:
         raise InputError(
-            f"the prompt {shown!r} names no built-in solid: use one of {', '.join(SOLIDS)}, or --asset FILE; "
-            "for free text use --prior sd-inpainting or --prior powerpaint"
+            f"the prompt {shown(prompt)} names no built-in solid: use one of {', '.join(SOLIDS)}, or --asset "
+            "FILE; for free text use --prior sd-inpainting or --prior powerpaint"
         )
-    material = chosen_material(prompt, exemplar)
+    notes = [*reading.notes]
+    if exemplar is not None:
+        material = picture_material(exemplar)
+        notes += [*material.notes, *(["the material is the picture's"] if reading.material else [])]
+    elif reading.material is not None:
+        material = reading.material
+    else:
+        raise no_material(prompt)
     texture = material.exemplar(TEXTURE, seed).astype(np.float64)
     frame = Frame(np.zeros(3), np.eye(3), np.ones(3))
 
     def painted(_: np.ndarray, __: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         return polished(wrap(texture, points, normals, frame, period=1.0), normals, material.polish)
 
-    return mesh_asset([mesh_part(SOLIDS[name]())], upright_y=False, name=prompt, painter=painted)
+    part = mesh_part(SOLIDS[reading.thing]())
+    return mesh_asset([part], upright_y=False, name=prompt, painter=painted, notes=tuple(notes))

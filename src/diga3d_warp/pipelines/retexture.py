@@ -28,6 +28,7 @@ from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.materials.vocabulary import Material
 from diga3d_warp.objects.diffusion_repaint import DiffusionRepainter
 from diga3d_warp.objects.picture import chosen_material
 from diga3d_warp.objects.repaint import MaterialRepainter, Repainter
@@ -131,7 +132,7 @@ def retexture(
     settings = settings or RetextureSettings()
     words = None if prior is None else FreeText.of(prior, prompt, negative, "retexture", settings.method)
     method = words.method if words else settings.method or CARRIED
-    repainter = _repainter(words) if words else MaterialRepainter(chosen_material(prompt, exemplar))
+    repainter = _repainter(words) if words else _painter(run, chosen_material(prompt, exemplar))
     scene = marking.mark(run, scene, marks)
     stages.check_edit(scene, method.references)
     scene = stages.begin(run, scene, effects)
@@ -162,6 +163,12 @@ def retexture(
 def _repainter(words: FreeText) -> Repainter:
     bar = sampling_bar("repaint")
     return DiffusionRepainter(words.prior, words.guidance, words.sampling, say=say, progress=bar)
+
+
+def _painter(run: Run, material: Material) -> Repainter:
+    for note in material.notes:
+        run.note(note)
+    return MaterialRepainter(material)
 
 
 def retexture_command(

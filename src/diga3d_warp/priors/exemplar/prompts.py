@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import torch
 
-from diga3d_warp.materials.vocabulary import material_of, words_of
+from diga3d_warp.materials.prompt import material_of, words_of
 from diga3d_warp.priors.conditioning import Prompts
 from diga3d_warp.priors.protocol import Task
 
@@ -41,7 +41,7 @@ def prompts_of(positive: str, negative: str, task: Task) -> Prompts:
     that of the negative one or, without one, from the object as it is.
 
     Raises:
-        InputError: a prompt names no material of the vocabulary, or is empty or too long where one is needed.
+        InputError: a prompt names no material, denies one, or is empty or too long where one is needed.
     """
     if task == "remove":
         if negative:
