@@ -1,1 +1,160 @@
 """Cases of camera files: lens, poses, sizes, text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from expectations import Reads, Refuses, case
+from field_room import FieldRoom
+
+from diga3d_warp.scene.camera import Distortion
+from diga3d_warp.scene.scene import Scene
+
+
+def has_lens(*lenses: Distortion | None) -> Callable[[Scene, FieldRoom], None]:
+    """The assertion that each view has one of some lenses, and that all of them occur."""
+
+    def check(scene: Scene, room: FieldRoom) -> None:
+        assert {view.camera.distortion for view in [*scene.views, *scene.test_views]} == set(lenses)
+
+    return check
+
+
+def with_entries(room: FieldRoom, folder: Path, **entries: Any) -> Path:
+    """transforms.json with further entries for all frames; those that are ... are taken out of the frames."""
+    contents = room.transforms()
+    for name, value in entries.items():
+        if value is ...:
+            for frame in contents["frames"]:
+                frame.pop(name, None)
+        else:
+            contents[name] = value
+    return room.nerfstudio(folder, contents)
+
+
+def of_each(room: FieldRoom, folder: Path, change: Callable[[dict], None]) -> Path:
+    """transforms.json with each frame changed."""
+    contents = room.transforms()
+    for frame in contents["frames"]:
+        change(frame)
+    return room.nerfstudio(folder, contents)
+
+
+@case(Reads(also=has_lens(Distortion("fisheye", (-0.003, 0.001, 0.0, 0.0)))))
+def ngp_fisheye(room: FieldRoom, folder: Path) -> Path:
+    return with_entries(room, folder, is_fisheye=True, k1=-0.003, k2=0.001, k3=0.0, k4=0.0)
+
+
+@case(Reads(also=has_lens(Distortion("fisheye", (0.001, 0.0, 0.001, 0.001)))))
+def ngp_fisheye_with_k3_and_k4(room: FieldRoom, folder: Path) -> Path:
+    return with_entries(room, folder, is_fisheye=True, k1=0.001, k2=0, k3=0.001, k4=0.001)
+
+
+@case(Reads(notes=("lens coefficients are given though camera_model is PINHOLE",),
+            also=has_lens(Distortion("brown", (-0.002, 0.0, 0.0, 0.0)))))  # fmt: skip
+def pinhole_with_k1(room: FieldRoom, folder: Path) -> Path:
+    return with_entries(room, folder, camera_model="PINHOLE", k1=-0.002)
+
+
+@case(Reads(also=has_lens(Distortion("brown5", (0.001, -0.002, 0.0, 0.0, 0.001)))))
+def metashape_transforms_with_k3(room: FieldRoom, folder: Path) -> Path:
+    lens = {"k1": 0.001, "k2": -0.002, "k3": 0.001, "k4": 0.0, "p1": 0.0, "p2": 0.0}
+    return with_entries(room, folder, camera_model="OPENCV", **lens)
+
+
+@case(Reads(also=has_lens(Distortion("brown", (0.001, 0.0, 0.0, 0.0)), Distortion("fisheye", (0.0,) * 4))))
+def camera_model_of_each_frame(room: FieldRoom, folder: Path) -> Path:
+    contents = room.transforms()
+    for number, frame in enumerate(contents["frames"]):
+        frame |= {"camera_model": "FISHEYE"} if number % 2 else {"camera_model": "OPENCV", "k1": 0.001}
+    return room.nerfstudio(folder, contents)
+
+
+@case(Refuses(("transforms.json", "k4 is supported for fisheye lenses only", "undistort")))
+def opencv_with_k4(room: FieldRoom, folder: Path) -> Path:
+    return with_entries(room, folder, camera_model="OPENCV", k1=0.1, k4=0.05)
+
+
+@case(Refuses(("transforms.json", "b2 is 1.5", "undistort")))
+def metashape_skew(room: FieldRoom, folder: Path) -> Path:
+    return with_entries(room, folder, k1=0.01, b1=0.0, b2=1.5)
+
+
+@case(Refuses(("transforms.json", "'EQUIRECTANGULAR' is not supported")))
+def panoramas(room: FieldRoom, folder: Path) -> Path:
+    return with_entries(room, folder, camera_model="EQUIRECTANGULAR")
+
+
+@case(Reads(notes=("rolling_shutter is not followed",)))
+def rolling_shutter(room: FieldRoom, folder: Path) -> Path:
+    return with_entries(room, folder, rolling_shutter=[0.0, 0.0, 0.02, 0.0])
+
+
+@case(Reads(notes=("entries that are not read: distortion_map",)))
+def distortion_map_of_each_frame(room: FieldRoom, folder: Path) -> Path:
+    return of_each(room, folder, lambda frame: frame.update(distortion_map="maps/0.npy"))
+
+
+def angles(frame: dict) -> None:
+    frame["camera_angle_x"] = 2 * math.atan(0.5 * frame["w"] / frame.pop("fl_x"))
+    frame["camera_angle_y"] = 2 * math.atan(0.5 * frame["h"] / frame.pop("fl_y"))
+    for name in ("w", "h", "cx", "cy"):
+        del frame[name]
+
+
+@case(Reads())
+def angles_only(room: FieldRoom, folder: Path) -> Path:
+    return of_each(room, folder, angles)
+
+
+@case(Reads(notes=("fl_x and camera_angle_x disagree: fl_x is used",)))
+def angle_that_disagrees(room: FieldRoom, folder: Path) -> Path:
+    return of_each(room, folder, lambda frame: frame.update(camera_angle_x=0.3))
+
+
+@case(Reads())
+def sizes_as_text(room: FieldRoom, folder: Path) -> Path:
+    return of_each(room, folder, lambda frame: frame.update(w=f"{frame['w']}.0", h=f"{frame['h']}.0"))
+
+
+@case(Reads())
+def principal_point_null(room: FieldRoom, folder: Path) -> Path:
+    return of_each(room, folder, lambda frame: frame.update(cx=None, cy=None))
+
+
+@case(Refuses(("transforms.json", "frame 0", "fl_x is 'wide', not a number")))
+def focal_length_as_a_word(room: FieldRoom, folder: Path) -> Path:
+    return of_each(room, folder, lambda frame: frame.update(fl_x="wide"))
+
+
+@case(Reads())
+def matrices_of_three_rows(room: FieldRoom, folder: Path) -> Path:
+    return of_each(room, folder, lambda frame: frame["transform_matrix"].pop())
+
+
+@case(Reads(notes=("the rotations of transform_matrix hold a scale",)))
+def matrices_with_a_scale(room: FieldRoom, folder: Path) -> Path:
+    def scale(frame: dict) -> None:
+        frame["transform_matrix"] = (np.array(frame["transform_matrix"]) * [0.3, 0.3, 0.3, 1.0]).tolist()
+
+    return of_each(room, folder, scale)
+
+
+@case(Refuses(("transforms.json", "frame 0", "it is transposed")))
+def matrices_transposed(room: FieldRoom, folder: Path) -> Path:
+    def transpose(frame: dict) -> None:
+        frame["transform_matrix"] = np.array(frame["transform_matrix"]).T.tolist()
+
+    return of_each(room, folder, transpose)
+
+
+@case(Refuses(("transforms.json", "frame 0", "mirror image")))
+def matrices_mirrored(room: FieldRoom, folder: Path) -> Path:
+    def mirror(frame: dict) -> None:
+        frame["transform_matrix"] = (np.array(frame["transform_matrix"]) * [-1.0, 1.0, 1.0, 1.0]).tolist()
+
+    return of_each(room, folder, mirror)

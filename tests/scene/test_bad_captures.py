@@ -129,15 +129,18 @@ def test_points_outside_the_scene(tmp_path, corner):
     [
         (lambda c: c.pop("frames"), "lists no frames"),
         (lambda c: c.update(frames=[]), "lists no frames"),
-        (lambda c: c["frames"][2].pop("transform_matrix"), "frame 2 lacks 'transform_matrix'"),
-        (lambda c: c["frames"][2].pop("file_path"), "frame 2 lacks 'file_path'"),
-        (lambda c: c.pop("fl_x"), "frame 0 lacks 'camera_angle_x'"),
-        (lambda c: c["frames"][1].update(transform_matrix=[[1, 2], [3, 4]]), "frame 1: .*shape"),
-        (lambda c: c["frames"][1].update(transform_matrix=np.zeros((4, 4)).tolist()), "frame 1: .*rotation"),
-        (lambda c: c["frames"].__setitem__(1, "text"), "frame 1"),
-        (lambda c: c.update(camera_model="EQUIRECTANGULAR"), "EQUIRECTANGULAR is not supported"),
-        (lambda c: c.update(camera_model="OPENCV", k3=0.1), "k3 and k4"),
-        (lambda c: c.update(fl_x=float("nan")), "frame 0: .*finite"),
+        (lambda c: c["frames"][2].pop("transform_matrix"), "frame 2: transform_matrix is missing"),
+        (lambda c: c["frames"][2].pop("file_path"), "frame 2: file_path is missing"),
+        (lambda c: (c.pop("fl_x"), c.pop("fl_y")), "frame 0: fl_x or camera_angle_x is missing"),
+        (
+            lambda c: c["frames"][1].update(transform_matrix=[[1, 2], [3, 4]]),
+            "frame 1: transform_matrix: .*shape",
+        ),
+        (lambda c: c["frames"][1].update(transform_matrix=np.zeros((3, 4)).tolist()), "frame 1: .*rotation"),
+        (lambda c: c["frames"].__setitem__(1, "text"), "frame 1 is 'text', not an object"),
+        (lambda c: c.update(camera_model="EQUIRECTANGULAR"), "'EQUIRECTANGULAR' is not supported"),
+        (lambda c: c.update(camera_model="OPENCV", k4=0.1), "k4 is supported for fisheye lenses only"),
+        (lambda c: c.update(fl_x=float("nan")), "frame 0: fl_x is nan, not a number"),
     ],
 )
 def test_damaged_transforms(tmp_path, corner, change, match):

@@ -21,6 +21,7 @@ def pose(z: float = 0.0) -> torch.Tensor:
         ({"fx": float("nan")}, "not finite"),
         ({"cy": float("inf")}, "not finite"),
         ({"width": 0}, "sees nothing"),
+        ({"height": 10**30}, "no image has"),
         ({"fy": -35.0}, "sees nothing"),
         ({"fx": 1e7}, "within 1e\\+06 px"),
         ({"fy": 1e-7}, "above 1e-06 px"),

@@ -151,6 +151,23 @@ def test_nerfstudio_intrinsics_of_one_frame(tmp_path, corner):
     assert [view.camera.fx for view in views] == [200, 200, 321, 200, 200, 200]
 
 
+def test_nerfstudio_with_angles_and_images_of_several_sizes(tmp_path, corner):
+    """Without w and h each image's own size counts, here with half and with squeezed ones."""
+    corner.write_images(tmp_path / "images")
+    write_cloud(tmp_path / "points.ply", corner)
+    angles = {"camera_angle_x": 2 * np.arctan(0.6), "camera_angle_y": 2 * np.arctan(0.45)}
+    absent = dict.fromkeys(("w", "h", "fl_x", "fl_y", "cx", "cy"))
+    write_transforms(tmp_path, corner, ply_file_path="points.ply", **angles, **absent)
+    for name, size in (("view_01", (120, 90)), ("view_02", (240, 90))):
+        assert cv2.imwrite(
+            str(tmp_path / "images" / f"{name}.png"), cv2.resize(corner.images[name][..., ::-1], size)
+        )
+    cameras = {view.name: view.camera for view in load_scene(tmp_path, hold_out=0).views}
+    for name, camera in cameras.items():
+        size = {"view_01": (120, 90), "view_02": (240, 90)}.get(name, (240, 180))
+        same_camera(camera, corner.cameras[name].resized(*size))
+
+
 def test_llff(tmp_path, corner):
     """Poses by sorted order, calibrated at twice the size of the only images; points without images.bin."""
     corner.write_images(tmp_path / "images_2")
@@ -339,7 +356,9 @@ def test_without_a_size_and_without_the_image_a_frame_is_refused(tmp_path, corne
     del contents["w"]
     (tmp_path / "transforms_train.json").write_text(json.dumps(contents))
     (tmp_path / "transforms.json").unlink()
-    with pytest.raises(InputError, match=r"transforms_train\.json: frame 0 lacks 'w'; export it again$"):
+    with pytest.raises(
+        InputError, match=r"transforms_train\.json: frame 0: w and h are missing, and so is the image"
+    ):
         load_scene(tmp_path)
 
 

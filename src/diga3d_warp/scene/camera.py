@@ -103,6 +103,10 @@ class Camera:
                 f"a camera of {self.width} x {self.height} px with focal lengths "
                 f"({self.fx:g}, {self.fy:g}) px sees nothing: all four must be positive"
             )
+        if max(self.width, self.height) > PIXELS_MAX:
+            raise InputError(
+                f"no image has {self.width} x {self.height} px: give the size of the photographs"
+            )
         if min(self.fx, self.fy) < PIXELS_MIN or max(map(abs, numbers)) > PIXELS_MAX:
             raise InputError(
                 f"intrinsics {numbers} must lie within {PIXELS_MAX:g} px, "

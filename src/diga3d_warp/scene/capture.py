@@ -21,10 +21,12 @@ class Shot:
     Attributes:
         key: Path of the image below its image folder, with forward slashes and without ending.
         camera: Camera at the size for which it was calibrated, which need not be the size of the file.
+        mask: File of the mask that the calibration names for it; None if it names none.
     """
 
     key: str
     camera: Camera
+    mask: Path | None = None
 
 
 @dataclass(frozen=True, eq=False)
