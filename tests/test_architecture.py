@@ -37,9 +37,9 @@ def room_of(module: str) -> str:
 
 
 def imported(tree: ast.AST) -> Iterator[str]:
-    """Modules that a file imports when it runs; what only the type checker reads does not count."""
+    """Modules that a file imports, but for the type checker's and those of `if __name__ == "__main__"`."""
     for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.If) and getattr(node.test, "id", None) == "TYPE_CHECKING":
+        if isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "__name__ == '__main__'"):
             continue
         if isinstance(node, ast.Import):
             yield from (name.name for name in node.names)

@@ -1,14 +1,45 @@
 """The public face: every name is there, and comes from the module that defines it."""
 
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
 import diga3d_warp
 
 
 def test_every_public_name_is_there():
-    for name in diga3d_warp.__all__:
+    names = [name for name in diga3d_warp.__all__ if name != "__version__"]
+    for name in names:
         assert getattr(diga3d_warp, name).__name__ == name
-    assert set(diga3d_warp.__all__) == set(diga3d_warp._HOMES)
+    assert set(names) == set(diga3d_warp._HOMES)
     assert set(diga3d_warp.__all__) <= set(dir(diga3d_warp))
+
+
+def test_the_version_is_that_of_the_package():
+    assert diga3d_warp.__version__ == version("diga3d-warp")
 
 
 def test_unknown_name_is_an_attribute_error():
     assert not hasattr(diga3d_warp, "no_such_name")
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    code = "import sys, diga3d_warp; assert not {'torch', 'warp', 'numpy'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("task", ["fit", "remove", "retexture", "replace"])
+def test_each_pipeline_is_a_script(task, tmp_path):
+    words = [sys.executable, "-m", f"diga3d_warp.pipelines.{task}"]
+    extra = ["--prompt", "gold"] if task in ("retexture", "replace") else []
+    ran = subprocess.run(
+        [*words, str(tmp_path / "absent"), "--out", str(tmp_path / "run"), *extra],
+        capture_output=True,
+        text=True,
+    )
+    assert ran.returncode == 2 and len(ran.stderr.splitlines()) == 1, ran.stderr
+    assert ran.stderr.startswith("diga3d: error: ")
+    assert not Path(tmp_path / "run").exists()

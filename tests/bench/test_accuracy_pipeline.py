@@ -24,7 +24,7 @@ def test_only_what_a_setting_changes_runs_again(monkeypatch, tmp_path):
             run.stage(name, lambda folder, name=name: ran.append(name))
         return SimpleNamespace(run=run)
 
-    monkeypatch.setattr(pipeline, "remove", remove)
+    monkeypatch.setattr(pipeline, "remove_object", remove)
     monkeypatch.setattr(pipeline, "against_truth", lambda *_: {})
     knobs = {"iterations": [USUAL, Trial(iterations=9)], "references": [Trial(references=1), USUAL]}
     monkeypatch.setattr(pipeline, "KNOBS", knobs)

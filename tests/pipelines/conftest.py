@@ -9,7 +9,7 @@ import pytest
 from tiny_removal import SETTINGS, Removed
 
 from diga3d_warp import cli
-from diga3d_warp.pipelines.remove import remove
+from diga3d_warp.pipelines.remove import remove_object
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
@@ -25,7 +25,7 @@ def room(tmp_path_factory) -> Path:
 def removed(room, tmp_path_factory) -> Removed:
     scene = load_scene(room)
     run = Run(tmp_path_factory.mktemp("removed") / "run", "remove", {"seed": 0})
-    return Removed(scene, remove(scene, run, SETTINGS), run.folder)
+    return Removed(scene, remove_object(scene, run, SETTINGS), run.folder)
 
 
 @pytest.fixture

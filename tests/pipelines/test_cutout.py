@@ -19,11 +19,11 @@ from diga3d_warp.evaluation.record import RESULT, read_manifest, run_effects
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines.method import CARRIED
-from diga3d_warp.pipelines.remove import REFIT, RemoveResult, remove
+from diga3d_warp.pipelines.remove import REFIT, remove_object
 from diga3d_warp.pipelines.render import render_path
-from diga3d_warp.pipelines.replace import SETTLE, ReplaceSettings
-from diga3d_warp.pipelines.replace import replace as replace_object
-from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retexture
+from diga3d_warp.pipelines.replace import SETTLE, ReplaceSettings, replace_object
+from diga3d_warp.pipelines.request import EditResult
+from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retexture_object
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.stages import read_mask
 from diga3d_warp.scene.load import load_scene
@@ -94,10 +94,10 @@ REMOVAL = replace(SETTINGS, fit=FEW, refit=replace(REFIT, iterations=100), metho
 
 
 @pytest.fixture(scope="module")
-def removed(cutout, tmp_path_factory) -> RemoveResult:
+def removed(cutout, tmp_path_factory) -> EditResult:
     """The vase taken off its block."""
     run = Run(tmp_path_factory.mktemp("removed") / "run", "remove", {})
-    return remove(load_scene(cutout), run, REMOVAL)
+    return remove_object(load_scene(cutout), run, REMOVAL)
 
 
 def mask_of(result, view) -> np.ndarray:
@@ -126,7 +126,7 @@ def test_a_retextured_object_is_as_opaque_as_it_was(cutout, tmp_path):
     """White marble, over white: what the background's colour could stand in for."""
     scene, run = load_scene(cutout), Run(tmp_path / "run", "retexture", {})
     settings = RetextureSettings(fit=FEW, refit=replace(RECOLOUR, iterations=60))
-    result = retexture(scene, "white marble", run, settings)
+    result = retexture_object(scene, "white marble", run, settings)
     for found, wanted in opacities(result.gaussians, scene):
         assert found[wanted == 1].mean() > 0.95 and found[wanted == 0].mean() < 0.02
 
@@ -145,7 +145,7 @@ def test_a_new_object_is_opaque_and_alone(cutout, tmp_path):
 
 def test_without_the_effect_photographs_are_opaque_and_the_white_is_painted(cutout, tmp_path):
     run, scene = Run(tmp_path / "run", "remove", {}), load_scene(cutout)
-    result = remove(scene, run, REMOVAL, effects={"background": False})
+    result = remove_object(scene, run, REMOVAL, effects={"background": False})
     for found, wanted in opacities(result.source, scene):
         assert found[wanted == 0].mean() > 0.5
     assert not list((run.folder / "stages").rglob("*.alpha.png"))

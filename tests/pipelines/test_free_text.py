@@ -22,9 +22,8 @@ from diga3d_warp.pipelines.free_text import FreeText
 from diga3d_warp.pipelines.imagining import Imagined, grow
 from diga3d_warp.pipelines.method import CARRIED, PAPER
 from diga3d_warp.pipelines.remove import DISTIL
-from diga3d_warp.pipelines.replace import GROW, ReplaceSettings
-from diga3d_warp.pipelines.replace import replace as replace_object
-from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retexture
+from diga3d_warp.pipelines.replace import GROW, ReplaceSettings, replace_object
+from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retexture_object
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.stages import picture as picture_of
 from diga3d_warp.priors.named import load_prior
@@ -93,7 +92,7 @@ def check_first_rows(gaussians: Gaussians, kept: Gaussians) -> None:
 
 def repainted(removed, folder, prior, prompt="a wooden vase", **options):
     run = begun(removed, folder, "retexture", ("fit",))
-    return retexture(removed.scene, prompt, run, REPAINT, prior=prior, **options)
+    return retexture_object(removed.scene, prompt, run, REPAINT, prior=prior, **options)
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.perception.segmentation import TextSegmenter
 from diga3d_warp.pipelines.carrying import SHEET
 from diga3d_warp.pipelines.marking import Marks, Words, glance, mark
-from diga3d_warp.pipelines.remove import remove
+from diga3d_warp.pipelines.remove import remove_object
 from diga3d_warp.pipelines.run import Run
 
 COMMANDS = (["remove"], ["retexture", "--prompt", "gold"], ["replace", "--prompt", "a wooden cube"])
@@ -57,7 +57,7 @@ def test_words_mark_the_object(removed, models, hits, tmp_path):
     hits(*names[:3], *names[4:])
     run = Run(tmp_path / "run", "remove", {"seed": 0})
     shutil.copytree(removed.folder / "stages" / "fit", run.folder / "stages" / "fit")
-    remove(scene, run, SETTINGS, marks=marks)
+    remove_object(scene, run, SETTINGS, marks=marks)
 
     manifest = read_manifest(run.folder)
     stages = [stage["name"] for stage in manifest["stages"]]

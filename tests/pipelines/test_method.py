@@ -10,28 +10,28 @@ from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 
 def test_a_prior_without_noise_estimates_carries_the_fill():
     assert usual_method(ClassicalPrior()) == CARRIED
-    assert Choices("classical").method(ClassicalPrior()) == CARRIED
+    assert Choices(prior="classical").choose_method(ClassicalPrior()) == CARRIED
 
 
 @pytest.mark.parametrize("choices", [{"propagation": "attention"}, {"propagation": "none"}, {"tg_sds": True}])
 def test_what_a_prior_cannot_do_is_refused(choices):
     with pytest.raises(InputError, match="prior classical estimates no noise: give it --propagation warp"):
-        Choices("classical", **choices).method(ClassicalPrior())
+        Choices(prior="classical", **choices).choose_method(ClassicalPrior())
 
 
 def test_choices_win_over_what_suits():
     prior = ExemplarPrior()
-    chosen = Choices(propagation="none", tg_sds=False, references=2, selection="random").method(prior)
+    chosen = Choices(propagation="none", tg_sds=False, references=2, selection="random").choose_method(prior)
     assert chosen == Method(2, "random", "none", distillation=None)
-    assert Choices(tg_sds=True).method(prior).distillation is not None
-    assert Choices().method(prior) == usual_method(prior)
+    assert Choices(tg_sds=True).choose_method(prior).distillation is not None
+    assert Choices().choose_method(prior) == usual_method(prior)
 
 
 def test_a_negative_prompt_reaches_the_prior():
-    assert Choices(negative="brick").load("remove").guidance.scale > 1.0
-    assert Choices().load("remove").guidance.scale == 1.0
+    assert Choices(negative="brick").load_prior("remove").guidance.scale > 1.0
+    assert Choices().load_prior("remove").guidance.scale == 1.0
     with pytest.raises(InputError, match="10000 characters"):
-        Choices(negative="x" * 10_000).load("remove")
+        Choices(negative="x" * 10_000).load_prior("remove")
 
 
 @pytest.mark.parametrize(
@@ -43,9 +43,9 @@ def test_a_negative_prompt_reaches_the_prior():
     ],
 )
 def test_a_negative_prompt_that_nothing_would_read_is_refused(name, switches, said):
-    choices = Choices(name, negative="brick", **switches)
+    choices = Choices(prior=name, negative="brick", **switches)
     with pytest.raises(InputError, match=said):
-        choices.method(choices.load("remove"))
+        choices.choose_method(choices.load_prior("remove"))
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_a_negative_prompt_that_nothing_would_read_is_refused(name, switches, sa
 )
 def test_a_negative_prompt_that_noise_estimates_read(switches):
     choices = Choices(negative="brick", **switches)
-    assert choices.method(choices.load("remove"))
+    assert choices.choose_method(choices.load_prior("remove"))
 
 
 def test_the_manifest_tells_the_switches():

@@ -18,7 +18,7 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.record import run_effects
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines.method import PAPER
-from diga3d_warp.pipelines.remove import REFIT, RemoveSettings, remove
+from diga3d_warp.pipelines.remove import REFIT, RemoveSettings, remove_object
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.scene import Scene
 
@@ -106,7 +106,7 @@ def test_views_without_a_mask_get_one(room, removed, tmp_path):
     some = replace(some, test_views=[view.with_mask(None) for view in scene.test_views])
     run = Run(tmp_path / "run", "remove", {"seed": 0})
     shutil.copytree(removed.folder / "stages" / "fit", run.folder / "stages" / "fit")
-    remove(some, run, replace(SETTINGS, refit=replace(REFIT, iterations=1)))
+    remove_object(some, run, replace(SETTINGS, refit=replace(REFIT, iterations=1)))
     for view in every_view(removed):
         found = cv2.imread(str(run.folder / "masks" / f"{view.name}.png"), cv2.IMREAD_GRAYSCALE) > 127
         overlap = (found & removed.mask(view.name)).sum() / (found | removed.mask(view.name)).sum()
@@ -115,7 +115,7 @@ def test_views_without_a_mask_get_one(room, removed, tmp_path):
 
 def refused(scene: Scene, folder: Path, match: str, settings: RemoveSettings = SETTINGS) -> None:
     with pytest.raises(InputError, match=match) as caught:
-        remove(scene, Run(folder, "remove", {}), settings)
+        remove_object(scene, Run(folder, "remove", {}), settings)
     assert "\n" not in str(caught.value)
     assert not (folder / "point_cloud.ply").exists()
 

@@ -13,7 +13,7 @@ from tiny_removal import SETTINGS
 
 from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.pipelines.replace import SETTLE, ReplaceSettings, replace
+from diga3d_warp.pipelines.replace import SETTLE, ReplaceSettings, replace_object
 from diga3d_warp.pipelines.run import Run
 
 QUICK = ReplaceSettings(removal=SETTINGS, settle=with_changes(SETTLE, iterations=30))
@@ -28,7 +28,7 @@ def replaced(removed, folder, prompt="a golden sphere", **options):
     for stage in REMOVAL:
         if not (folder / "stages" / stage).exists():
             shutil.copytree(removed.folder / "stages" / stage, folder / "stages" / stage)
-    return replace(removed.scene, prompt, run, QUICK, **options)
+    return replace_object(removed.scene, prompt, run, QUICK, **options)
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from dataclasses import replace
 
 from tiny_removal import SETTINGS
 
-from diga3d_warp.pipelines.remove import remove
+from diga3d_warp.pipelines.remove import remove_object
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.load import load_scene
 
@@ -47,7 +47,7 @@ if module:
 often = {"checkpoint_seconds": 0.2}
 settings = replace(SETTINGS, fit=replace(SETTINGS.fit, **often), refit=replace(SETTINGS.refit, **often))
 settings = replace(settings, distil=replace(SETTINGS.distil, checkpoint_seconds=0.0))
-remove(load_scene(Path(room)), Run(Path(folder), "remove", {"seed": 0}, resume=True), settings)
+remove_object(load_scene(Path(room)), Run(Path(folder), "remove", {"seed": 0}, resume=True), settings)
 """
 
 # Where each process dies: a function, and at which call of it. Every process finishes the stage that the one

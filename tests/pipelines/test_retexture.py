@@ -15,7 +15,7 @@ from tiny_removal import SETTINGS
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.lift import object_share
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retexture
+from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retexture_object
 from diga3d_warp.pipelines.run import Run
 
 QUICK = RetextureSettings(fit=SETTINGS.fit, refit=replace(RECOLOUR, iterations=40))
@@ -34,7 +34,7 @@ def begun(removed, folder) -> Run:
 @pytest.fixture(scope="module")
 def golden(removed, tmp_path_factory):
     run = begun(removed, tmp_path_factory.mktemp("golden") / "run")
-    return retexture(removed.scene, "a golden vase", run, QUICK)
+    return retexture_object(removed.scene, "a golden vase", run, QUICK)
 
 
 def picture(run: Run, name: str) -> np.ndarray:
@@ -96,7 +96,7 @@ def test_resume_gives_the_same_bytes(golden, removed, tmp_path):
     run = begun(removed, tmp_path / "run")
     for stage in ("repaint", "refit"):
         shutil.rmtree(run.folder / "stages" / stage, ignore_errors=True)
-        again = retexture(removed.scene, "a golden vase", begun(removed, run.folder), QUICK)
+        again = retexture_object(removed.scene, "a golden vase", begun(removed, run.folder), QUICK)
     for name in ("point_cloud.ply", "source.ply"):
         assert (again.run.folder / name).read_bytes() == (golden.run.folder / name).read_bytes()
     again = Gaussians.load_ply(run.folder / "point_cloud.ply")
@@ -106,14 +106,14 @@ def test_resume_gives_the_same_bytes(golden, removed, tmp_path):
 def test_masks_that_lift_to_nothing(removed, tmp_path):
     nothing = removed.scene.with_masks([np.zeros_like(view.mask) for view in removed.scene.views])
     with pytest.raises(InputError, match="lift to no gaussian"):
-        retexture(nothing, "gold", begun(removed, tmp_path / "run"), QUICK)
+        retexture_object(nothing, "gold", begun(removed, tmp_path / "run"), QUICK)
 
 
 def test_an_object_takes_the_material_of_a_picture(removed, tmp_path):
     rng = np.random.default_rng(0)
     cv2.imwrite(str(tmp_path / "blue.png"), np.clip(rng.normal((200, 60, 20), 20, (80, 90, 3)), 0, 255))
     run = begun(removed, tmp_path / "run")
-    retexture(removed.scene, "", run, QUICK, exemplar=tmp_path / "blue.png")
+    retexture_object(removed.scene, "", run, QUICK, exemplar=tmp_path / "blue.png")
     for view in views_of(removed):
         inside = cv2.erode(view.mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         red, green, blue = picture(run, f"views/after/{view.name}.png")[inside].mean(axis=0)

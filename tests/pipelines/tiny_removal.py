@@ -10,7 +10,8 @@ import numpy as np
 
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.pipelines.method import PAPER
-from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveResult, RemoveSettings
+from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings
+from diga3d_warp.pipelines.request import EditResult
 from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.scene.scene import Scene
 
@@ -33,7 +34,7 @@ class Removed:
     """
 
     scene: Scene
-    result: RemoveResult
+    result: EditResult
     folder: Path
 
     def picture(self, name: str) -> np.ndarray:

@@ -10,7 +10,8 @@ import torch
 
 from diga3d_warp.evaluation.metrics import Score, compare, mean_scores
 from diga3d_warp.pipelines.demo import TRUTH
-from diga3d_warp.pipelines.remove import RemoveResult, RemoveSettings
+from diga3d_warp.pipelines.remove import RemoveSettings
+from diga3d_warp.pipelines.request import EditResult
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.stages import widened
 from diga3d_warp.scene.images import read_image
@@ -42,7 +43,7 @@ def true_picture(scene: Scene, view: View) -> torch.Tensor:
     return torch.from_numpy(read_image(scene.path / TRUTH / f"{view.name}.png")).float() / 255.0
 
 
-def against_truth(scene: Scene, result: RemoveResult, settings: RemoveSettings) -> dict[str, Score]:
+def against_truth(scene: Scene, result: EditResult, settings: RemoveSettings) -> dict[str, Score]:
     """Scores by region against the room without the object, mean over the held-out views."""
     scores, effects = [], replace(result.run.effects, depth=False)
     for view in scene.test_views:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from diga3d_warp.cli.options import (
     add_exemplar,
     add_marks,
     add_prior,
     add_run_options,
-    choices_of,
 )
 from diga3d_warp.cli.parsing import Commands
+
+if TYPE_CHECKING:
+    from diga3d_warp.pipelines.request import RunResult
 
 
 def add_edits(commands: Commands) -> None:
@@ -69,33 +71,33 @@ def add_edits(commands: Commands) -> None:
 
 
 def _fit(**options: Any) -> int:
-    from diga3d_warp.pipelines.fit import fit_command
+    from diga3d_warp.pipelines.fit import fit
 
-    return _show_run(fit_command(**options))
+    return _show(fit(**options))
 
 
 def _remove(**options: Any) -> int:
-    from diga3d_warp.pipelines.remove import remove_command
+    from diga3d_warp.pipelines.remove import remove
 
-    return _show_run(remove_command(choices=choices_of(options), **options))
+    return _show(remove(**options))
 
 
 def _retexture(**options: Any) -> int:
-    from diga3d_warp.pipelines.retexture import retexture_command
+    from diga3d_warp.pipelines.retexture import retexture
 
-    return _show_run(retexture_command(choices=choices_of(options), **options))
+    return _show(retexture(**options))
 
 
 def _replace(**options: Any) -> int:
-    from diga3d_warp.pipelines.replace import replace_command
+    from diga3d_warp.pipelines.replace import replace
 
-    return _show_run(replace_command(choices=choices_of(options), **options))
+    return _show(replace(**options))
 
 
-def _show_run(run: Any) -> int:
+def _show(result: RunResult) -> int:
     """End with what a user opens next."""
     from diga3d_warp.evaluation.record import REPORT, RESULT
 
-    print(run.folder / RESULT)
-    print(run.folder / REPORT)
+    print(result.run.folder / RESULT)
+    print(result.run.folder / REPORT)
     return 0

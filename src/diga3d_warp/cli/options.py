@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from diga3d_warp.cli.parsing import effects, hold_out, positive_int, scale, seed
-
-if TYPE_CHECKING:
-    from diga3d_warp.pipelines.method import Choices
 
 
 def add_run_options(command: argparse.ArgumentParser) -> None:
@@ -91,7 +86,7 @@ def add_exemplar(command: argparse._ActionsContainer, in_place_of: str) -> None:
 
 
 def add_prior(command: argparse.ArgumentParser) -> None:
-    """What invents, and how; `choices_of` reads these options."""
+    """What invents, and how: the attributes of `pipelines.method.Choices`."""
     command.add_argument(
         "--prior",
         default="exemplar",
@@ -114,13 +109,6 @@ def add_prior(command: argparse.ArgumentParser) -> None:
         action=argparse.BooleanOptionalAction,
         help="refine the edit by score distillation (default: with a Stable Diffusion prior)",
     )
-
-
-def choices_of(options: dict[str, Any]) -> Choices:
-    """Take what `add_prior` added out of parsed options."""
-    from diga3d_warp.pipelines.method import Choices
-
-    return Choices(**{choice.name: options.pop(choice.name) for choice in fields(Choices)})
 
 
 def add_reference_options(command: argparse.ArgumentParser) -> None:

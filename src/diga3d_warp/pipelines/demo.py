@@ -23,9 +23,10 @@ from diga3d_warp.evaluation.record import MANIFEST, add_metrics, read_manifest, 
 from diga3d_warp.evaluation.report import write_report
 from diga3d_warp.evaluation.tables import Table, score_table
 from diga3d_warp.gaussians.fit import FitSettings
-from diga3d_warp.pipelines.remove import RemoveResult, RemoveSettings, remove
-from diga3d_warp.pipelines.replace import ReplaceSettings, replace
-from diga3d_warp.pipelines.retexture import RetextureSettings, retexture
+from diga3d_warp.pipelines.remove import RemoveSettings, remove_object
+from diga3d_warp.pipelines.replace import ReplaceSettings, replace_object
+from diga3d_warp.pipelines.request import EditResult
+from diga3d_warp.pipelines.retexture import RetextureSettings, retexture_object
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.stages import SOURCE, widened
 from diga3d_warp.priors.classical import mean_color_fill, telea_fill
@@ -84,7 +85,7 @@ def run_demo(out: Path, room: SyntheticScene | None = None) -> Path:
         generate(room or ROOM, capture, progress=True)
     scene = load_scene(capture, hold_out=HOLD_OUT, progress=True)
     run = _run(out / RUN, "remove")
-    result = remove(scene, run, SETTINGS, seed=ROOM.seed)
+    result = remove_object(scene, run, SETTINGS, seed=ROOM.seed)
     table = _against_truth(scene, result)
     evaluate(run.folder, scene=scene)
     add_metrics(run.folder, "tables", [table.as_json()])
@@ -92,9 +93,9 @@ def run_demo(out: Path, room: SyntheticScene | None = None) -> Path:
 
     fitted = with_changes(scene, splat=run.folder / SOURCE)  # one fit serves all three
     retextured = _run(out / RETEXTURED, "retexture", MATERIAL)
-    retexture(fitted, MATERIAL, retextured, RetextureSettings(fit=SETTINGS.fit), seed=ROOM.seed)
+    retexture_object(fitted, MATERIAL, retextured, RetextureSettings(fit=SETTINGS.fit), seed=ROOM.seed)
     replaced = _run(out / REPLACED, "replace", OBJECT)
-    replace(fitted, OBJECT, replaced, ReplaceSettings(SETTINGS), seed=ROOM.seed)
+    replace_object(fitted, OBJECT, replaced, ReplaceSettings(SETTINGS), seed=ROOM.seed)
     for other in (retextured, replaced):
         evaluate(other.folder, scene=scene)
         write_report(other.folder)
@@ -137,7 +138,7 @@ def _side_by_side(out: Path, scene: Scene, table: Table) -> Path:
     return write_gallery(out, "A vase removed, in marble, and replaced", rows, runs, table)
 
 
-def _against_truth(scene: Scene, result: RemoveResult) -> Table:
+def _against_truth(scene: Scene, result: EditResult) -> Table:
     """Each method on the fitted and on the held-out views, against the images without the object."""
 
     effects = run_effects(read_manifest(result.run.folder))

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+if __name__ == "__main__":  # first of all, because the command tunes the process before torch is imported
+    import sys
+
+    from diga3d_warp.cli import main
+
+    sys.exit(main(["fit", *sys.argv[1:]]))
+
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from diga3d_warp.config import ACCURACIES, Accuracy
-from diga3d_warp.effects.overrides import format_overrides
+from diga3d_warp.config import Accuracy
 from diga3d_warp.evaluation.protocols import evaluate
 from diga3d_warp.evaluation.report import write_report
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines.request import FitRequest, RunResult
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene
 
 BUDGET_PER_POINT = 4
@@ -39,33 +45,32 @@ def fit_settings(scene: Scene, iterations: int | None, accuracy: Accuracy = Accu
     return replace(settings, budget=budget, iterations=iterations or max(wanted, settings.iterations))
 
 
-def fit_command(
-    scene: Path, out: Path, masks: Path | None, image_scale: float, iterations: int | None, hold_out: int,
-    seed: int, resume: bool, effects: Mapping[str, bool | int], accuracy: str,
-) -> Run:  # fmt: skip
-    """`diga3d fit`: read the capture, fit it, measure it, and leave a run folder.
+def fit(
+    scene: str | Path | Scene, out: str | Path, *, settings: FitSettings | None = None, **options: Any
+) -> RunResult:
+    """Fit a splat to a capture, measure it on the held-out views, and leave a run folder.
+
+    Args:
+        scene: Folder or file of a capture, or a scene from `load_scene`.
+        out: Run folder, a new one unless `resume=True`.
+        settings: Iterations, budget and learning rates of the fit; chosen by the scene if None.
+        options: Further attributes of `FitRequest`, such as `iterations`, `effects`, `seed` and `resume`.
 
     Raises:
         InputError: the input or the run folder is not usable.
+        TypeError: an option is unknown.
     """
-    capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
+    request = FitRequest(scene=scene, out=out, **options)
+    capture = request.load()
     stages.check_splat(capture)
-    settings = fit_settings(capture, iterations, ACCURACIES[accuracy])
-    run = Run(
-        out,
-        "fit",
-        {
-            "scene": scene, "masks": masks, "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
-            "iterations": settings.iterations, "accuracy": accuracy, "effects": format_overrides(effects),
-        },
-        resume=resume,
-    )  # fmt: skip
-    capture = stages.begin(run, capture, effects)
-    fitted = stages.fit_source(run, capture, settings, seed)
-    stages.show_views(run, capture, None, fitted)
+    settings = settings or fit_settings(capture, request.iterations, request.knobs)
+    run = request.open_run("fit", capture, settings.iterations)
+    capture = stages.begin(run, capture, request.effects)
+    gaussians = stages.fit_source(run, capture, settings, request.seed)
+    stages.show_views(run, capture, None, gaussians)
     stages.finish(run, "fit")
     conclude(run, capture)
-    return run
+    return RunResult(gaussians, run)
 
 
 def conclude(run: Run, scene: Scene) -> None:

@@ -57,7 +57,7 @@ class FreeText:
 
 def reads_free_text(choices: Choices) -> bool:
     """Whether the chosen prior understands any prompt, not only the built-in words."""
-    return choices.prior not in BUILT_IN
+    return choices.prior_name not in BUILT_IN
 
 
 def check_built_in(choices: Choices) -> None:

@@ -84,35 +84,60 @@ def check_method(method: Method, prior: Prior) -> None:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Choices:
     """What a user chose of prior and method; None stands for what suits the prior.
 
     Attributes:
-        prior: As `priors.named.load_prior` takes it.
+        prior: A name or folder as `priors.named.load_prior` takes it, or a prior.
         negative: Tn: what to go away from.
         references, selection: As in `Method`.
         propagation: As in `Method`.
         tg_sds: Whether score distillation refines the edit.
     """
 
-    prior: str = "exemplar"
+    prior: str | Prior = "exemplar"
     negative: str = ""
     references: int = Method.references
     selection: Literal["kmeans", "random"] = Method.selection
     propagation: Propagation | None = None
     tg_sds: bool | None = None
 
-    def load(self, task: Task, positive: str = "") -> Prior:
-        """The prior, with its prompts.
+    @property
+    def prior_name(self) -> str:
+        """Name or folder of the prior."""
+        return self.prior if isinstance(self.prior, str) else self.prior.name
+
+    def load_prior(
+        self,
+        task: Task,
+        positive: str = "",
+        negative: str | None = None,
+        controls: tuple[ControlKind, ...] | None = None,
+    ) -> Prior:
+        """The prior, with its prompts; one that was given has them already.
+
+        Args:
+            task, positive: What the prompts are for, and Tp.
+            negative: Tn; the chosen one if None.
+            controls: What it must be able to follow; if None, what score distillation needs.
 
         Raises:
-            InputError: see `load_prior`.
+            InputError: see `priors.named.load_prior`.
         """
-        controls: tuple[ControlKind, ...] = () if self.tg_sds is False else ("edges", "depth")
-        return load_prior(self.prior, task=task, positive=positive, negative=self.negative, controls=controls)
+        if not isinstance(self.prior, str):
+            return self.prior
+        negative = self.negative if negative is None else negative
+        wanted: tuple[ControlKind, ...] = () if self.tg_sds is False else ("edges", "depth")
+        return load_prior(
+            self.prior,
+            task=task,
+            positive=positive,
+            negative=negative,
+            controls=wanted if controls is None else controls,
+        )
 
-    def method(self, prior: Prior) -> Method:
+    def choose_method(self, prior: Prior) -> Method:
         """The method that suits a prior, as far as the user did not choose.
 
         Raises:

@@ -14,14 +14,20 @@ distil       the hole refined by score distillation, under texture and depth of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+if __name__ == "__main__":  # first of all, because the command tunes the process before torch is imported
+    import sys
+
+    from diga3d_warp.cli import main
+
+    sys.exit(main(["remove", *sys.argv[1:]]))
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import torch
 
-from diga3d_warp.config import ACCURACIES
-from diga3d_warp.effects.overrides import format_overrides
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
@@ -29,13 +35,13 @@ from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines import carrying, coarse, fine, marking, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
-from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, read_marks
-from diga3d_warp.pipelines.method import Choices, Method, check_method, usual_method
+from diga3d_warp.pipelines.marking import OWN_MASKS, Marks
+from diga3d_warp.pipelines.method import Method, check_method, usual_method
+from diga3d_warp.pipelines.request import EditRequest, EditResult
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.propagation.references import References
-from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene, View
 
 REFIT = FitSettings(
@@ -90,22 +96,7 @@ class RemoveSettings:
         return method
 
 
-@dataclass(frozen=True, eq=False)
-class RemoveResult:
-    """What a removal leaves.
-
-    Attributes:
-        gaussians: The scene without the object.
-        source: The scene before the edit.
-        run: The run folder, with views, masks, metrics and stages.
-    """
-
-    gaussians: Gaussians
-    source: Gaussians
-    run: Run
-
-
-def remove(
+def remove_object(
     scene: Scene,
     run: Run,
     settings: RemoveSettings | None = None,
@@ -114,13 +105,13 @@ def remove(
     marks: Marks = OWN_MASKS,
     seed: int = 0,
     effects: Mapping[str, bool | int] | None = None,
-) -> RemoveResult:
-    """Remove the masked object.
+) -> EditResult:
+    """Run the stages of a removal in an open run folder; `remove` also reads, checks and measures.
 
     Args:
         scene: With masks in at least one training view.
-        run: Where stages and results go; finished stages of an interrupted run are taken up.
-        settings: How.
+        run: Run folder that receives stages and results; finished stages of an interrupted run are reused.
+        settings: Fits, masks and method.
         prior: What invents the part that no view saw; `ExemplarPrior` if None.
         marks: Boxes or words that say where the object is; the scene's masks do if there are none.
         seed: Same scene, settings and seed: same bytes.
@@ -138,7 +129,7 @@ def remove(
     taken = take_out(scene, run, settings, prior, marks, seed, effects)
     stages.show_views(run, taken.scene, taken.source, taken.gaussians)
     stages.finish(run, taken.stage)
-    return RemoveResult(taken.gaussians, taken.source, run)
+    return EditResult(taken.gaussians, run, taken.source)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +159,7 @@ def take_out(
     scene: Scene, run: Run, settings: RemoveSettings, prior: Prior, marks: Marks, seed: int,
     effects: Mapping[str, bool | int] | None,
 ) -> TakenOut:  # fmt: skip
-    """The stages of a removal, from the fit to the filled hole; arguments as `remove`."""
+    """The stages of a removal, from the fit to the filled hole; arguments as `remove_object`."""
     method = settings.method_for(prior)
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
@@ -192,39 +183,43 @@ def take_out(
     return TakenOut(refined, source, rows, scene, views, references, "distil")
 
 
-def remove_command(
-    scene: Path, out: Path, masks: Path | None, mask_boxes: Sequence[Sequence[str]],
-    mask_prompt: str | None, mask_models: Path | None, image_scale: float,
-    iterations: int | None, hold_out: int, seed: int, resume: bool, effects: Mapping[str, bool | int],
-    accuracy: str, choices: Choices,
-) -> Run:  # fmt: skip
-    """`diga3d remove`: read the capture, remove the object, measure, and leave a run folder.
+def remove(
+    scene: str | Path | Scene, out: str | Path, *, settings: RemoveSettings | None = None, **options: Any
+) -> EditResult:
+    """Remove the masked object from a capture, measure the result, and leave a run folder.
+
+    Args:
+        scene: Folder or file of a capture, or a scene from `load_scene`.
+        out: Run folder, a new one unless `resume=True`.
+        settings: Fits, masks and method; chosen by the scene and the options if None.
+        options: Further attributes of `EditRequest`, such as `prior`, `masks`, `seed`, `resume`.
 
     Raises:
         InputError: the input or the run folder is not usable.
+        TypeError: an option is unknown.
     """
-    prior = choices.load("remove")
-    method = choices.method(prior)
-    marks = read_marks(masks, mask_boxes, mask_prompt, mask_models)
-    capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
-    settings = RemoveSettings(
-        fit=fit_settings(capture, iterations, ACCURACIES[accuracy]),
-        refit=replace(REFIT, accuracy=ACCURACIES[accuracy]),
-        distil=replace(DISTIL, accuracy=ACCURACIES[accuracy]),
+    request = EditRequest(scene=scene, out=out, **options)
+    request.refuse("remove", "prompt", "exemplar", "asset")
+    prior = request.load_prior("remove")
+    method = request.choose_method(prior)
+    marks = request.marks()
+    capture = request.load()
+    settings = settings or remove_settings(capture, request, method)
+    method = settings.method_for(prior)
+    stages.check_edit(marking.glance(capture, marks), method.references)
+    run = request.open_edit("remove", capture, settings.fit.iterations, marks, method)
+    result = remove_object(
+        capture, run, settings, prior=prior, marks=marks, seed=request.seed, effects=request.effects
+    )
+    conclude(run, capture)
+    return result
+
+
+def remove_settings(scene: Scene, request: EditRequest, method: Method) -> RemoveSettings:
+    """Settings of a removal that suit a scene, as far as the request does not say otherwise."""
+    return RemoveSettings(
+        fit=fit_settings(scene, request.iterations, request.knobs),
+        refit=replace(REFIT, accuracy=request.knobs),
+        distil=replace(DISTIL, accuracy=request.knobs),
         method=method,
     )
-    stages.check_edit(marking.glance(capture, marks), method.references)
-    run = Run(
-        out,
-        "remove",
-        {
-            "scene": scene, "masks": masks, **marks.settings(),
-            "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
-            "iterations": settings.fit.iterations, "accuracy": accuracy, "effects": format_overrides(effects),
-            **asdict(choices), **method.summary(),
-        },
-        resume=resume,
-    )  # fmt: skip
-    remove(capture, run, settings, prior=prior, marks=marks, seed=seed, effects=effects)
-    conclude(run, capture)
-    return run

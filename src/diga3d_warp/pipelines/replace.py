@@ -18,15 +18,21 @@ distil          refined by score distillation
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # first of all, because the command tunes the process before torch is imported
+    import sys
+
+    from diga3d_warp.cli import main
+
+    sys.exit(main(["replace", *sys.argv[1:]]))
+
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from dataclasses import replace as with_changes
 from pathlib import Path
+from typing import Any
 
 import torch
 
-from diga3d_warp.config import ACCURACIES
-from diga3d_warp.effects.overrides import format_overrides
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
@@ -37,15 +43,14 @@ from diga3d_warp.objects.solids import solid_of
 from diga3d_warp.objects.surface import Sight
 from diga3d_warp.perception.depth import DPT, DepthEstimator
 from diga3d_warp.pipelines import fine, imagining, marking, placing, recolouring, stages
-from diga3d_warp.pipelines.fit import conclude, fit_settings
+from diga3d_warp.pipelines.fit import conclude
 from diga3d_warp.pipelines.free_text import FreeText, reads_free_text
-from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, read_marks
-from diga3d_warp.pipelines.method import Choices
-from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings, TakenOut, take_out
+from diga3d_warp.pipelines.marking import OWN_MASKS, Marks
+from diga3d_warp.pipelines.remove import REFIT, RemoveSettings, TakenOut, remove_settings, take_out
+from diga3d_warp.pipelines.request import EditRequest, EditResult, optional_path
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.protocol import Prior
-from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene
 
 SETTLE = FitSettings(
@@ -80,22 +85,7 @@ class ReplaceSettings:
     grow: FitSettings = GROW
 
 
-@dataclass(frozen=True, eq=False)
-class ReplaceResult:
-    """What a replacement leaves.
-
-    Attributes:
-        gaussians: The scene with the new object.
-        source: The scene before the edit.
-        run: The run folder, with views, masks, metrics and stages.
-    """
-
-    gaussians: Gaussians
-    source: Gaussians
-    run: Run
-
-
-def replace(
+def replace_object(
     scene: Scene,
     prompt: str,
     run: Run,
@@ -109,15 +99,15 @@ def replace(
     marks: Marks = OWN_MASKS,
     seed: int = 0,
     effects: Mapping[str, bool | int] | None = None,
-) -> ReplaceResult:
-    """Put another object in place of the masked one.
+) -> EditResult:
+    """Run the stages of a replacement in an open run folder; `replace` also reads, checks and measures.
 
     Args:
         scene: With masks in at least one training view.
         prompt: A built-in solid and material, such as "a wooden cube", or free text; not read if an asset is
             given.
-        run: Where stages and results go; finished stages of an interrupted run are taken up.
-        settings: How.
+        run: Run folder that receives stages and results; finished stages of an interrupted run are reused.
+        settings: Removal of the old object, and fits of the new one.
         asset: The new object, from `objects.asset.read_asset`.
         prior: What invents the part that no view saw behind the old one; `ExemplarPrior` if None.
         free_text: Whether the prior invents the new object, too, from whatever the prompt says.
@@ -155,7 +145,7 @@ def replace(
         made = "distil" if method.distillation else "grow", stages.LIFT
     stages.show_views(run, taken.scene, taken.source, edited)
     stages.finish(run, *made)
-    return ReplaceResult(edited, taken.source, run)
+    return EditResult(edited, run, taken.source)
 
 
 def _placed(
@@ -186,64 +176,74 @@ def _imagined(
     )  # fmt: skip
 
 
-def replace_command(
-    scene: Path, prompt: str | None, exemplar: Path | None, asset: Path | None, out: Path, masks: Path | None,
-    mask_boxes: Sequence[Sequence[str]], mask_prompt: str | None, mask_models: Path | None,
-    image_scale: float, iterations: int | None, hold_out: int,
-    seed: int, resume: bool, effects: Mapping[str, bool | int], accuracy: str, choices: Choices,
-) -> Run:  # fmt: skip
-    """`diga3d replace`: read the capture, replace the object, measure, and leave a run folder.
+def replace(
+    scene: str | Path | Scene,
+    prompt: str | None = None,
+    *,
+    out: str | Path,
+    settings: ReplaceSettings | None = None,
+    **options: Any,
+) -> EditResult:
+    """Put another object in place of the masked one of a capture, and measure the result.
+
+    Args:
+        scene: Folder or file of a capture, or a scene from `load_scene`.
+        prompt: The new object: a built-in solid and material, such as "a wooden cube"; any text with a Stable
+            Diffusion prior; None with an asset.
+        out: Run folder, a new one unless `resume=True`.
+        settings: Removal of the old object, and fits of the new one; chosen by the scene and the options if
+            None.
+        options: Further attributes of `EditRequest`, such as `asset`, `exemplar`, `prior`, `seed`, `resume`.
 
     Raises:
         InputError: the input or the run folder is not usable.
+        TypeError: an option is unknown.
     """
-    free_text = asset is None and reads_free_text(choices)
-    if exemplar is not None and (asset is not None or free_text):
-        raise InputError(
-            "--exemplar is the material of a built-in solid: give --prompt with --prior exemplar or classical"
-        )
-    new = estimator = None
-    if asset is not None:
-        new = read_asset(asset)
-    elif not free_text:
-        new = solid_of(prompt or "", seed, exemplar)
+    request = EditRequest(scene=scene, prompt=prompt, out=out, **options)
+    words, exemplar = prompt or "", optional_path(request.exemplar)
+    free_text = request.asset is None and reads_free_text(request)
+    asset = _new_object(request, words, exemplar, free_text)
     # The negative prompt of free text is the new object's, not that of the hole behind it.
-    prior = (with_changes(choices, negative="") if free_text else choices).load("remove")
-    method = choices.method(prior)
+    prior = request.load_prior("remove", negative="" if free_text else None)
+    method = request.choose_method(prior)
+    estimator = None
     if free_text:
-        FreeText.of(prior, prompt or "", choices.negative, "replace", method)  # refuses before a long fit
+        FreeText.of(prior, words, request.negative, "replace", method)  # refuses before a long fit
         estimator = DepthEstimator.if_downloaded()
-    marks = read_marks(masks, mask_boxes, mask_prompt, mask_models)
-    capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
-    removal = RemoveSettings(
-        fit=fit_settings(capture, iterations, ACCURACIES[accuracy]),
-        refit=with_changes(REFIT, accuracy=ACCURACIES[accuracy]),
-        distil=with_changes(DISTIL, accuracy=ACCURACIES[accuracy]),
-        method=method,
+    marks = request.marks()
+    capture = request.load()
+    settings = settings or ReplaceSettings(
+        remove_settings(capture, request, method),
+        settle=with_changes(SETTLE, accuracy=request.knobs),
+        grow=with_changes(GROW, accuracy=request.knobs),
     )
-    settings = ReplaceSettings(
-        removal,
-        settle=with_changes(SETTLE, accuracy=ACCURACIES[accuracy]),
-        grow=with_changes(GROW, accuracy=ACCURACIES[accuracy]),
-    )
+    method = settings.removal.method_for(prior)
     stages.check_edit(marking.glance(capture, marks), method.references)
-    run = Run(
-        out,
-        "replace",
-        {
-            "scene": scene, "prompt": prompt, "exemplar": exemplar, "asset": asset, "masks": masks,
-            **marks.settings(), "image_scale": image_scale, "hold_out": hold_out,
-            "seed": seed, "iterations": removal.fit.iterations, "accuracy": accuracy,
-            "effects": format_overrides(effects), "depth_estimated": estimator is not None,
-            **asdict(choices), **method.summary(),
-        },
-        resume=resume,
+    run = request.open_edit(
+        "replace", capture, settings.removal.fit.iterations, marks, method, prompt=prompt, exemplar=exemplar,
+        asset=optional_path(request.asset), depth_estimated=estimator is not None,
     )  # fmt: skip
     if free_text and estimator is None:
         run.note(f"the new object starts on the old one's surface; to estimate its depth: {DPT.command}")
-    replace(
-        capture, prompt or "", run, settings, asset=new, prior=prior, free_text=free_text,
-        negative=choices.negative, estimator=estimator, marks=marks, seed=seed, effects=effects,
+    result = replace_object(
+        capture, words, run, settings, asset=asset, prior=prior, free_text=free_text,
+        negative=request.negative, estimator=estimator, marks=marks, seed=request.seed,
+        effects=request.effects,
     )  # fmt: skip
     conclude(run, capture)
-    return run
+    return result
+
+
+def _new_object(request: EditRequest, prompt: str, exemplar: Path | None, free_text: bool) -> Asset | None:
+    """The asset or built-in solid that a request names; None if free text describes it.
+
+    Raises:
+        InputError: it is not usable, or a material is given that nothing would take.
+    """
+    if exemplar is not None and (request.asset is not None or free_text):
+        raise InputError(
+            "--exemplar is the material of a built-in solid: give --prompt with --prior exemplar or classical"
+        )
+    if request.asset is not None:
+        return read_asset(Path(request.asset))
+    return None if free_text else solid_of(prompt, request.seed, exemplar)

@@ -14,20 +14,25 @@ The new look is a material of the built-in vocabulary, or anything that a diffus
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+if __name__ == "__main__":  # first of all, because the command tunes the process before torch is imported
+    import sys
+
+    from diga3d_warp.cli import main
+
+    sys.exit(main(["retexture", *sys.argv[1:]]))
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import torch
 
-from diga3d_warp.config import ACCURACIES
-from diga3d_warp.effects.overrides import format_overrides
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
-from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.materials.vocabulary import Material
 from diga3d_warp.objects.diffusion_repaint import DiffusionRepainter
 from diga3d_warp.objects.picture import chosen_material
@@ -35,14 +40,12 @@ from diga3d_warp.objects.repaint import MaterialRepainter, Repainter
 from diga3d_warp.pipelines import carrying, fine, marking, recolouring, stages
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.free_text import FreeText, check_built_in, reads_free_text
-from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, read_marks
-from diga3d_warp.pipelines.method import CARRIED, Choices, Method
+from diga3d_warp.pipelines.marking import OWN_MASKS, Marks
+from diga3d_warp.pipelines.method import CARRIED, Method
 from diga3d_warp.pipelines.remove import DISTIL
+from diga3d_warp.pipelines.request import EditRequest, EditResult, optional_path
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
-from diga3d_warp.priors.conditioning import ControlKind
-from diga3d_warp.priors.named import load_prior
 from diga3d_warp.priors.protocol import DiffusionPrior
-from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene
 
 RECOLOUR = FitSettings(
@@ -82,22 +85,7 @@ class RetextureSettings:
     method: Method | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class RetextureResult:
-    """What a change of material leaves.
-
-    Attributes:
-        gaussians: The scene with the object in its new material.
-        source: The scene before the edit.
-        run: The run folder, with views, masks, metrics and stages.
-    """
-
-    gaussians: Gaussians
-    source: Gaussians
-    run: Run
-
-
-def retexture(
+def retexture_object(
     scene: Scene,
     prompt: str,
     run: Run,
@@ -109,14 +97,14 @@ def retexture(
     marks: Marks = OWN_MASKS,
     seed: int = 0,
     effects: Mapping[str, bool | int] | None = None,
-) -> RetextureResult:
-    """Give the masked object the look that a prompt names.
+) -> EditResult:
+    """Run the stages of a change of material in an open run folder; `retexture` also reads and measures.
 
     Args:
         scene: With masks in at least one training view.
         prompt: Such as "white marble"; without a prior, a word of the built-in vocabulary.
-        run: Where stages and results go; finished stages of an interrupted run are taken up.
-        settings: How.
+        run: Run folder that receives stages and results; finished stages of an interrupted run are reused.
+        settings: Fits, masks and method.
         exemplar: A picture of the material, if no prior is given; the prompt is not read then.
         negative: What the prior shall go away from.
         prior: What repaints the object from free text; the built-in materials if None.
@@ -157,7 +145,7 @@ def retexture(
         last = "distil"
     stages.show_views(run, scene, source, edited)
     stages.finish(run, last)
-    return RetextureResult(edited, source, run)
+    return EditResult(edited, run, source)
 
 
 def _repainter(words: FreeText) -> Repainter:
@@ -171,69 +159,74 @@ def _painter(run: Run, material: Material) -> Repainter:
     return MaterialRepainter(material)
 
 
-def retexture_command(
-    scene: Path, prompt: str | None, exemplar: Path | None, out: Path, masks: Path | None,
-    mask_boxes: Sequence[Sequence[str]], mask_prompt: str | None, mask_models: Path | None,
-    image_scale: float, iterations: int | None, hold_out: int, seed: int, resume: bool,
-    effects: Mapping[str, bool | int], accuracy: str, choices: Choices,
-) -> Run:  # fmt: skip
-    """`diga3d retexture`: read the capture, change the object's look, measure, leave a run folder.
+def retexture(
+    scene: str | Path | Scene,
+    prompt: str | None = None,
+    *,
+    out: str | Path,
+    settings: RetextureSettings | None = None,
+    **options: Any,
+) -> EditResult:
+    """Give the masked object of a capture the look that a prompt or a picture shows, and measure the result.
+
+    Args:
+        scene: Folder or file of a capture, or a scene from `load_scene`.
+        prompt: The material, such as "white marble"; any text with a Stable Diffusion prior.
+        out: Run folder, a new one unless `resume=True`.
+        settings: Fits, masks and method; chosen by the scene and the options if None.
+        options: Further attributes of `EditRequest`, such as `exemplar`, `prior`, `masks`, `seed`, `resume`.
 
     Raises:
         InputError: the input or the run folder is not usable.
+        TypeError: an option is unknown.
     """
-    prior = _prior(choices, prompt or "", exemplar)
-    method = replace(CARRIED, references=choices.references, selection=choices.selection)
+    request = EditRequest(scene=scene, prompt=prompt, out=out, **options)
+    request.refuse("retexture", "asset")
+    words, exemplar = prompt or "", optional_path(request.exemplar)
+    prior = _prior(request, words, exemplar)
+    method = replace(CARRIED, references=request.references, selection=request.selection)
     if prior is not None:
-        method = choices.method(prior)
-        FreeText.of(prior, prompt or "", choices.negative, "retexture", method)  # refuses before a long fit
-    marks = read_marks(masks, mask_boxes, mask_prompt, mask_models)
-    capture = load_scene(scene, image_scale=image_scale, masks=masks, hold_out=hold_out, progress=True)
-    settings = RetextureSettings(
-        fit=fit_settings(capture, iterations, ACCURACIES[accuracy]),
-        refit=replace(RECOLOUR, accuracy=ACCURACIES[accuracy]),
-        distil=replace(DISTIL, accuracy=ACCURACIES[accuracy]),
+        method = request.choose_method(prior)
+        FreeText.of(prior, words, request.negative, "retexture", method)  # refuses before a long fit
+    marks = request.marks()
+    capture = request.load()
+    settings = settings or RetextureSettings(
+        fit=fit_settings(capture, request.iterations, request.knobs),
+        refit=replace(RECOLOUR, accuracy=request.knobs),
+        distil=replace(DISTIL, accuracy=request.knobs),
         method=method,
     )
+    method = settings.method or method
     stages.check_edit(marking.glance(capture, marks), method.references)
-    run = Run(
-        out,
-        "retexture",
-        {
-            "scene": scene, "prompt": prompt, "exemplar": exemplar, "masks": masks, **marks.settings(),
-            "image_scale": image_scale, "hold_out": hold_out, "seed": seed,
-            "iterations": settings.fit.iterations, "accuracy": accuracy, "effects": format_overrides(effects),
-            **asdict(choices), **method.summary(),
-        },
-        resume=resume,
-    )  # fmt: skip
-    retexture(
-        capture, prompt or "", run, settings, exemplar=exemplar, negative=choices.negative, prior=prior,
-        marks=marks, seed=seed, effects=effects,
+    run = request.open_edit(
+        "retexture", capture, settings.fit.iterations, marks, method, prompt=prompt, exemplar=exemplar
+    )
+    result = retexture_object(
+        capture, words, run, settings, exemplar=exemplar, negative=request.negative, prior=prior,
+        marks=marks, seed=request.seed, effects=request.effects,
     )  # fmt: skip
     conclude(run, capture)
-    return run
+    return result
 
 
-def _prior(choices: Choices, prompt: str, exemplar: Path | None) -> DiffusionPrior | None:
+def _prior(request: EditRequest, prompt: str, exemplar: Path | None) -> DiffusionPrior | None:
     """What reads the prompt; None for the built-in materials.
 
     Raises:
         InputError: no such prior, weights are missing, it does not understand the prompt, or the picture is
             not usable.
     """
-    if reads_free_text(choices):
+    if reads_free_text(request):
         if exemplar is not None:
             raise InputError("--exemplar is painted without a prior: leave --prior out, or give --prompt")
         # The repainted views follow edges and depth, whether or not score distillation does later.
-        controls: tuple[ControlKind, ...] = ("edges", "depth")
-        prior = load_prior(
-            choices.prior, task="retexture", positive=prompt, negative=choices.negative, controls=controls
-        )
+        prior = request.load_prior("retexture", prompt, controls=("edges", "depth"))
         assert isinstance(prior, DiffusionPrior), "all that read free text are"
         return prior
-    if choices.prior != "exemplar":
-        raise InputError(f"prior {choices.prior} has no materials: use exemplar, sd-inpainting or powerpaint")
+    if request.prior_name != "exemplar":
+        raise InputError(
+            f"prior {request.prior_name} has no materials: use exemplar, sd-inpainting or powerpaint"
+        )
     chosen_material(prompt, exemplar)
-    check_built_in(choices)
+    check_built_in(request)
     return None

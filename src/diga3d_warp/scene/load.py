@@ -16,7 +16,7 @@ from diga3d_warp.scene.images import Photograph, choose_folder, read_photograph,
 from diga3d_warp.scene.llff import read_llff
 from diga3d_warp.scene.masks import find_masks, mask_notes, read_mask, without_covering
 from diga3d_warp.scene.nerfstudio import find_transforms, read_nerfstudio
-from diga3d_warp.scene.scene import Scene, View
+from diga3d_warp.scene.scene import Reading, Scene, View
 from diga3d_warp.scene.sfm import map_images, shrink, triangulate
 from diga3d_warp.scene.splat import find_cameras_root, find_splat, is_splat, read_splat_cameras
 
@@ -32,9 +32,9 @@ _NAMES_LISTED = 8
 def load_scene(
     path: str | Path,
     *,
-    image_scale: float = 1.0,
+    image_scale: float = Reading.image_scale,
     masks: str | Path | None = None,
-    hold_out: int = 8,
+    hold_out: int = Reading.hold_out,
     progress: bool = False,
 ) -> Scene:
     """Read a capture, recognising its layout.
@@ -94,7 +94,17 @@ def load_scene(
     if mask_files.files:
         notes += mask_notes(train, mask_folder or root)
         train = without_covering(train)
-    return Scene(path, capture.kind, train, test, points, tuple(notes), splat, bool(mask_files.ground_truth))
+    return Scene(
+        path,
+        capture.kind,
+        train,
+        test,
+        points,
+        tuple(notes),
+        splat,
+        ground_truth=bool(mask_files.ground_truth),
+        reading=Reading(image_scale, mask_folder, hold_out),
+    )
 
 
 def _recognise(path: Path, progress: bool) -> tuple[Path, Capture, Path | None]:

@@ -62,6 +62,21 @@ class Points:
         return len(self.positions)
 
 
+@dataclass(frozen=True)
+class Reading:
+    """How a capture was read: arguments of `load_scene`, which a run keeps for later commands.
+
+    Attributes:
+        image_scale: Size of the views, relative to the largest images of the capture.
+        masks: Folder of the masks, if it was given.
+        hold_out: Every such view is held out; 0 for none.
+    """
+
+    image_scale: float = 1.0
+    masks: Path | None = None
+    hold_out: int = 8
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A capture, ready to fit.
@@ -75,6 +90,7 @@ class Scene:
         notes: What a user should know of the reading, one line each: missing images, repaired masks.
         splat: The splat .ply that the scene came with, if it came with one.
         ground_truth: True if `test_views` show the scene without the object (the SPIn-NeRF protocol).
+        reading: How it was read.
     """
 
     path: Path
@@ -85,6 +101,7 @@ class Scene:
     notes: Sequence[str] = field(default_factory=tuple)
     splat: Path | None = None
     ground_truth: bool = False
+    reading: Reading = Reading()
 
     @property
     def extent(self) -> float:

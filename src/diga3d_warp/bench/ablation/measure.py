@@ -17,7 +17,8 @@ from diga3d_warp.evaluation.metrics import Score
 from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.pipelines.demo import TRUTH
-from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveResult, RemoveSettings, remove
+from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings, remove_object
+from diga3d_warp.pipelines.request import EditResult
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.stages import read_mask, read_picture
 from diga3d_warp.priors.named import BUILT_IN, load_prior
@@ -182,7 +183,7 @@ def measure(
                 share_stages(captured, run, CAPTURED)
             if (trial.coarse, seed) in begun:
                 share_stages(begun[trial.coarse, seed], run, COARSE)
-            result = remove(scene, run, replace(settings, method=trial.method), prior=prior, seed=seed)
+            result = remove_object(scene, run, replace(settings, method=trial.method), prior=prior, seed=seed)
             captured = captured or run
             begun.setdefault((trial.coarse, seed), run)
             outcomes[trial, seed] = outcome_of(scene, result, settings, Truth.of(scene, run))
@@ -190,7 +191,7 @@ def measure(
     return Truth.of(scene, captured), outcomes
 
 
-def outcome_of(scene: Scene, result: RemoveResult, settings: RemoveSettings, truth: Truth) -> Outcome:
+def outcome_of(scene: Scene, result: EditResult, settings: RemoveSettings, truth: Truth) -> Outcome:
     """The figures of a finished removal."""
     stages = result.run.folder / "stages"
     filled = stages / ("propagate" if (stages / "propagate").is_dir() else "fill")
@@ -217,7 +218,7 @@ def outcome_of(scene: Scene, result: RemoveResult, settings: RemoveSettings, tru
     )
 
 
-def _seen(result: RemoveResult, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def _seen(result: EditResult, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Colour in [0, 1] and depth of a rendering; depth is 0 where the splat covers less than half."""
     with torch.no_grad():
         rendering = render(result.gaussians, camera, effects=replace(result.run.effects, depth=True))

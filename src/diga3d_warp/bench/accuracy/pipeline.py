@@ -15,7 +15,7 @@ from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.evaluation.tables import Table
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.pipelines.method import CARRIED
-from diga3d_warp.pipelines.remove import RemoveSettings, remove
+from diga3d_warp.pipelines.remove import RemoveSettings, remove_object
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.exemplar.settings import FillSettings
@@ -114,7 +114,7 @@ def outcomes_of(scene: Scene, folder: Path) -> Iterator[tuple[Trial, Outcome]]:
         if usual is not None and trial.iterations == USUAL.iterations:
             share_stages(usual, run)
         usual = usual or run
-        result = remove(scene, run, trial.settings, prior=trial.prior, seed=trial.seed)
+        result = remove_object(scene, run, trial.settings, prior=trial.prior, seed=trial.seed)
         seconds = {stage["name"]: stage["seconds"] for stage in read_manifest(run.folder)["stages"]}
         score = against_truth(scene, result, trial.settings)
         yield trial, Outcome(seconds["fit"], seconds["fill"], seconds["refit"], score)

@@ -1,0 +1,181 @@
+"""Request: what a user asks of a run, from the command line or from Python, and what comes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from diga3d_warp.config import ACCURACIES, Accuracy
+from diga3d_warp.effects.overrides import format_overrides
+from diga3d_warp.errors import InputError
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.pipelines.marking import Marks, read_marks
+from diga3d_warp.pipelines.method import Choices, Method
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.scene.load import load_scene
+from diga3d_warp.scene.scene import Reading, Scene
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FitRequest:
+    """A fit: the capture, the run folder, and what is common to all runs.
+
+    Attributes:
+        scene: Folder or file of a capture, or a scene from `load_scene`.
+        out: Run folder, a new one unless `resume` is set.
+        masks: Folder with a mask for each image; None looks for one in the capture.
+        image_scale: Size of the images relative to the largest of the capture, in (0, 1].
+        hold_out: Every such view is kept for testing; 0 keeps none.
+        iterations: Steps of the fit; None chooses by the scene.
+        accuracy: "draft", "standard" or "exact": accuracy of the fitted renderings.
+        effects: Effects to force on or off by name, or the SH degree; the scene decides on the others.
+        seed: Same scene, request and seed: same bytes.
+        resume: Continue an interrupted run in `out`.
+    """
+
+    scene: str | Path | Scene
+    out: str | Path
+    masks: str | Path | None = None
+    image_scale: float = Reading.image_scale
+    hold_out: int = Reading.hold_out
+    iterations: int | None = None
+    accuracy: str = "standard"
+    effects: Mapping[str, bool | int] = field(default_factory=dict)
+    seed: int = 0
+    resume: bool = False
+
+    def __post_init__(self) -> None:
+        if self.accuracy not in ACCURACIES:
+            raise InputError(f"accuracy {self.accuracy!r} is unknown: use one of {', '.join(ACCURACIES)}")
+        asked = Reading(self.image_scale, optional_path(self.masks), self.hold_out)
+        if isinstance(self.scene, Scene) and asked not in (Reading(), self.scene.reading):
+            raise InputError(
+                "image_scale, masks and hold_out say how a capture is read: give them to load_scene, or "
+                "give the path of the capture"
+            )
+
+    @property
+    def knobs(self) -> Accuracy:
+        """What `accuracy` names."""
+        return ACCURACIES[self.accuracy]
+
+    def load(self) -> Scene:
+        """The scene, read unless it was given.
+
+        Raises:
+            InputError: see `load_scene`.
+        """
+        if isinstance(self.scene, Scene):
+            return self.scene
+        return load_scene(
+            self.scene,
+            image_scale=self.image_scale,
+            masks=self.masks,
+            hold_out=self.hold_out,
+            progress=True,
+        )
+
+    def open_run(self, command: str, scene: Scene, iterations: int, **further: Any) -> Run:
+        """The run folder, held to everything that the result depends on.
+
+        Args:
+            command: Name of the subcommand.
+            scene: From `load`.
+            iterations: Steps of the fit.
+            further: What else the result depends on, as JSON data.
+
+        Raises:
+            InputError: see `Run`.
+        """
+        settings = {
+            "scene": scene.path,
+            "masks": scene.reading.masks,
+            "image_scale": scene.reading.image_scale,
+            "hold_out": scene.reading.hold_out,
+            "seed": self.seed,
+            "iterations": iterations,
+            "accuracy": self.accuracy,
+            "effects": format_overrides(self.effects),
+            **further,
+        }
+        return Run(Path(self.out), command, settings, resume=self.resume)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EditRequest(FitRequest, Choices):
+    """An edit: a fit, where the object is, what shall come of it, and the method (see `Choices`).
+
+    Attributes:
+        mask_boxes: Boxes (view, left, top, right, bottom) [px] around the object in up to three views, in
+            place of masks.
+        mask_prompt: What the object is called, in place of masks.
+        mask_models: Folder with the weights for `mask_prompt`; None for the Hugging Face cache.
+        prompt: The new material of `retexture`, the new object of `replace`.
+        exemplar: A picture of the material, in place of the one in the prompt.
+        asset: A mesh or splat that `replace` puts in the object's place.
+    """
+
+    mask_boxes: Sequence[Sequence[str | int]] = ()
+    mask_prompt: str | None = None
+    mask_models: str | Path | None = None
+    prompt: str | None = None
+    exemplar: str | Path | None = None
+    asset: str | Path | None = None
+
+    def marks(self) -> Marks:
+        """What says where the object is.
+
+        Raises:
+            InputError: see `read_marks`.
+        """
+        masks = self.scene.reading.masks if isinstance(self.scene, Scene) else self.masks
+        boxes = [[str(part) for part in box] for box in self.mask_boxes]
+        return read_marks(optional_path(masks), boxes, self.mask_prompt, optional_path(self.mask_models))
+
+    def open_edit(
+        self, command: str, scene: Scene, iterations: int, marks: Marks, method: Method, **further: Any
+    ) -> Run:
+        """As `open_run`, with marks and method among what the run is held to."""
+        method_settings = {"prior": self.prior_name, "negative": self.negative, **method.summary()}
+        return self.open_run(command, scene, iterations, **marks.settings(), **method_settings, **further)
+
+    def refuse(self, command: str, *names: str) -> None:
+        """Refuse attributes that a command would not read.
+
+        Raises:
+            InputError: one of them is set.
+        """
+        unread = [name for name in names if getattr(self, name) is not None]
+        if unread:
+            raise InputError(f"{command} does not take {' and '.join(unread)}: leave it out")
+
+
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """What a run leaves.
+
+    Attributes:
+        gaussians: The final splat.
+        run: The run folder, with views, metrics and stages.
+    """
+
+    gaussians: Gaussians
+    run: Run
+
+
+@dataclass(frozen=True, eq=False)
+class EditResult(RunResult):
+    """What an edit leaves.
+
+    Attributes:
+        source: The splat before the edit.
+    """
+
+    source: Gaussians
+
+
+def optional_path(name: str | Path | None) -> Path | None:
+    """A path, if one is named."""
+    return None if name is None else Path(name)
