@@ -120,6 +120,15 @@ def test_a_splat_is_rendered_as_it_was_fitted(matte):
     assert said(plan, "pixel_order").startswith("fitted without; sorting each pixel would change it by")
 
 
+def test_a_splat_fitted_with_antialiasing_is_rendered_with_it(matte):
+    plan = plan_effects(matte, random_gaussians(10), antialiased=True)
+    assert plan.effects.antialias and by(plan, "antialias") == "splat"
+    assert said(plan, "antialias") == "its file says that it was fitted with it"
+    assert not plan_effects(
+        matte, random_gaussians(10), antialiased=True, overrides={"antialias": False}
+    ).effects.antialias
+
+
 def test_the_order_of_pixels_changes_crossing_discs_and_not_a_stack():
     crossing = still_life().select(torch.arange(-2, 0))
     apart = crossing.detached()

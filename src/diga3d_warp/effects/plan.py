@@ -98,6 +98,7 @@ def plan_effects(
     scene: Scene,
     gaussians: Gaussians | None = None,
     *,
+    antialiased: bool = False,
     overrides: Mapping[str, bool | int] | None = None,
     thresholds: Thresholds = THRESHOLDS,
 ) -> EffectsPlan:
@@ -110,7 +111,8 @@ def plan_effects(
     Args:
         scene: With sparse points and at least two views.
         gaussians: A splat that the scene came with. It is rendered as it was fitted: with all its harmonics,
-            by the order of centres, without exposure and anti-aliasing.
+            by the order of centres, without exposure.
+        antialiased: Whether that splat was fitted with anti-aliasing.
         overrides: Effects on which the user insists, by name; later evidence takes them into account. See
             `parse_overrides`.
         thresholds: When the evidence suffices.
@@ -129,8 +131,9 @@ def plan_effects(
 
     notes = []
     if gaussians is not None:
-        for effect in ("antialias", "exposure"):
-            choose(effect, False, "the splat is taken as it is", "splat")
+        said = "its file says that it was fitted with it" if antialiased else "the splat is taken as it is"
+        choose("antialias", antialiased, said, "splat")
+        choose("exposure", False, "the splat is taken as it is", "splat")
         choose("sh_degree", degree_of(gaussians.sh), "all that the splat has", "splat")
         choose("pixel_order", False, _splat_order(scene, gaussians, thresholds), "splat")
     else:

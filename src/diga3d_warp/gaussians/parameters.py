@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Literal
 
+import numpy as np
 import torch
+
+from diga3d_warp.scene.formats.read import read_splat
+from diga3d_warp.scene.formats.rows import SplatRows
+from diga3d_warp.scene.formats.standard_ply import write_ply
 
 
 @dataclass(eq=False)
@@ -75,14 +82,37 @@ class Gaussians:
         return Gaussians(*(tensor.to(device) for _, tensor in self.named()))
 
     @classmethod
-    def load_ply(cls, path: Path | str) -> Gaussians:
-        """Read a 3DGS .ply; see `gaussians.ply.read_ply`."""
-        from diga3d_warp.gaussians.ply import read_ply
+    def from_rows(cls, rows: SplatRows) -> Gaussians:
+        """Gaussians of the rows of a splat file, positions rounded to float32."""
+        arrays = (getattr(rows, entry.name) for entry in fields(cls))
+        return cls(*(torch.from_numpy(np.array(array, np.float32)) for array in arrays))
 
-        return read_ply(Path(path)).gaussians
+    def rows(self) -> SplatRows:
+        """The rows of a splat file, copied."""
+        means, *others = (tensor.detach().cpu().numpy().astype(np.float32) for _, tensor in self.named())
+        return SplatRows(means.astype(np.float64), *others)
 
-    def save_ply(self, path: Path | str) -> None:
-        """Write a 3DGS .ply; see `gaussians.ply.write_ply`."""
-        from diga3d_warp.gaussians.ply import write_ply
+    @classmethod
+    def load_ply(cls, path: Path | str, *, every_row: bool = False) -> Gaussians:
+        """Read a splat file; a 3DGS .ply, or another format of `scene.formats`.
 
-        write_ply(Path(path), self)
+        What cannot be drawn is mended or left out with a warning, unless `every_row` asks for all rows just
+        as they were written.
+
+        Raises:
+            InputError: the file is missing, damaged or holds no gaussian that is usable.
+        """
+        content = read_splat(Path(path), every_row=every_row)
+        for note in content.notes:
+            warnings.warn(note, stacklevel=2)
+        return cls.from_rows(content.rows)
+
+    def save_ply(
+        self,
+        path: Path | str,
+        *,
+        positions: Literal["float", "double"] = "float",
+        antialiased: bool = False,
+    ) -> None:
+        """Write a 3DGS .ply; see `scene.formats.standard_ply.write_ply`."""
+        write_ply(Path(path), self.rows(), positions=positions, antialiased=antialiased)

@@ -15,10 +15,10 @@ import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.gaussians.ply import read_ply
 from diga3d_warp.objects.mesh_file import MeshPart, read_mesh
 from diga3d_warp.objects.surface import unit
-from diga3d_warp.scene.splat import is_splat
+from diga3d_warp.scene.formats.read import read_splat
+from diga3d_warp.scene.formats.recognise import splat_format
 
 UPRIGHT_Y = (".glb", ".gltf", ".obj", ".dae")
 """Formats whose files have y up: glTF by its standard, OBJ and Collada by custom. Others have z up."""
@@ -75,16 +75,16 @@ Asset = MeshAsset | SplatAsset
 
 
 def read_asset(path: Path) -> Asset:
-    """Read a mesh with trimesh (.glb, .obj, .ply, .stl, ...), or a 3DGS .ply.
+    """Read a mesh with trimesh (.glb, .obj, .ply, .stl, ...), or a splat file.
 
     Raises:
         InputError: the file is missing, not readable, or holds no surface.
     """
     if not path.is_file():
-        raise InputError(f"{path}: no such asset; give a mesh (.glb, .obj, .ply, .stl) or a splat .ply")
-    if path.suffix.lower() == ".ply" and is_splat(path):
-        content = read_ply(path)
-        return splat_asset(content.gaussians, content.notes)
+        raise InputError(f"{path}: no such asset; give a mesh (.glb, .obj, .ply, .stl) or a splat (.ply, .spz, .sog, ...)")
+    if splat_format(path) is not None:
+        content = read_splat(path)
+        return splat_asset(Gaussians.from_rows(content.rows), content.notes)
     file = read_mesh(path)
     if not file.parts:
         reason = f" ({file.notes[-1].partition(': ')[2]})" if file.notes else ""

@@ -136,7 +136,7 @@ def refit(
             seed=seed, held=cleared.held(len(start)), checkpoint=folder / "checkpoint.pt", progress=True,
             label="refit",
         )  # fmt: skip
-        stages.keep_fit(folder, result)
+        stages.keep_fit(run, folder, result)
 
     return stages.fitted(run, "refit", compute)
 

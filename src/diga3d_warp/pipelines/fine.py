@@ -70,7 +70,7 @@ def distil(
             source, guided, extent, settings, effects=run.effects, seed=seed, held=held,
             checkpoint=folder / "checkpoint.pt", progress=True, label="distil",
         )  # fmt: skip
-        stages.keep_fit(folder, result)
+        stages.keep_fit(run, folder, result)
 
     return stages.fitted(run, "distil", compute)
 

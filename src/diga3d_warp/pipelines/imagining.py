@@ -157,7 +157,7 @@ def grow(
             held=torch.arange(len(start)) < len(cleared), checkpoint=folder / "checkpoint.pt", progress=True,
             label="grow",
         )  # fmt: skip
-        stages.keep_fit(folder, result)
+        stages.keep_fit(run, folder, result)
 
     return stages.fitted(run, "grow", compute)
 

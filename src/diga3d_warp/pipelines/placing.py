@@ -139,7 +139,7 @@ def place_object(
                 write_image(folder / f"{view.name}.alpha.png", alpha)
         dark, shaded = _darkened(scene, shadow, settings)
         added = placed.gaussians(pixel_width(sights), dark.sh.shape[1])
-        dark.joined(added).save_ply(folder / stages.GAUSSIANS)
+        dark.joined(added).save_ply(folder / stages.GAUSSIANS, antialiased=run.effects.antialias)
         held = np.concatenate([~shaded, np.zeros(len(added), bool)])
         np.save(folder / "held.npy", held)
         np.save(folder / "blocking.npy", blocking.numpy())
@@ -153,7 +153,7 @@ def place_object(
         target = Target(view.camera, torch.from_numpy(pixels), depth=depth, alpha=stages.tensor_of(alpha))
         targets.append(target)
     held = torch.from_numpy(np.load(folder / "held.npy"))
-    return Staged(Gaussians.load_ply(folder / stages.GAUSSIANS), held, targets)
+    return Staged(Gaussians.load_ply(folder / stages.GAUSSIANS, every_row=True), held, targets)
 
 
 def settle(run: Run, staged: Staged, extent: float, settings: FitSettings, seed: int) -> Gaussians:
@@ -164,7 +164,7 @@ def settle(run: Run, staged: Staged, extent: float, settings: FitSettings, seed:
             staged.gaussians, staged.targets, extent, settings, effects=run.effects, seed=seed,
             held=staged.held, checkpoint=folder / "checkpoint.pt", progress=True, label="settle",
         )  # fmt: skip
-        stages.keep_fit(folder, result)
+        stages.keep_fit(run, folder, result)
 
     return stages.fitted(run, "settle", compute)
 

@@ -117,7 +117,7 @@ def recolour(
             painted, targets_of(sights, images), extent, settings, effects=run.effects, seed=seed, held=held,
             checkpoint=folder / "checkpoint.pt", progress=True, label="refit",
         )  # fmt: skip
-        stages.keep_fit(folder, result)
+        stages.keep_fit(run, folder, result)
 
     return stages.fitted(run, "refit", compute)
 

@@ -25,13 +25,13 @@ from diga3d_warp.gaussians.fit import FitResult, FitSettings, Target, fit
 from diga3d_warp.gaussians.initialise import initialise
 from diga3d_warp.gaussians.lift import LiftSettings, object_mask, object_rows, vote
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.gaussians.ply import read_ply
 from diga3d_warp.pipelines.method import Method
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.propagation.references import References, check_reference_count, select_references
 from diga3d_warp.propagation.unseen import Background, observe_behind
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
+from diga3d_warp.scene.formats.read import read_splat
 from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.splatting.render import render
@@ -64,7 +64,7 @@ def check_splat(scene: Scene) -> None:
         InputError: the splat that the scene came with holds no usable gaussian.
     """
     if scene.splat is not None:
-        read_ply(scene.splat)
+        read_splat(scene.splat)
 
 
 def check_edit(scene: Scene, references: int) -> None:
@@ -99,8 +99,12 @@ def begin(run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = N
         run.note(note)
 
     def compute(folder: Path) -> None:
-        splat = read_ply(scene.splat).gaussians if scene.splat else None
-        plan = plan_effects(scene, splat, overrides=overrides)
+        given = read_splat(scene.splat) if scene.splat else None
+        splat = Gaussians.from_rows(given.rows) if given else None
+        antialiased = given is not None and given.antialiased
+        plan = plan_effects(scene, splat, antialiased=antialiased, overrides=overrides)
+        if antialiased and plan.effects.antialias:
+            run.note("the splat was fitted with anti-aliasing, and is drawn with it")
         drawn = splat or initialise(scene.points)
         write_json(folder / PLAN, priced(plan, drawn, scene.views[0].camera).as_json())
 
@@ -121,10 +125,9 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
 
     def compute(folder: Path) -> None:
         if scene.splat is not None:
-            content = read_ply(scene.splat)
-            for note in [*content.notes, f"{scene.splat.name} is taken as it is, not fitted again"]:
-                run.note(note)
-            content.gaussians.save_ply(folder / GAUSSIANS)
+            run.note(f"{scene.splat.name} is taken as it is, not fitted again")
+            given = Gaussians.from_rows(read_splat(scene.splat).rows)
+            given.save_ply(folder / GAUSSIANS, antialiased=run.effects.antialias)
             write_json(folder / CURVE, {"curve": []})
             return
         targets = [
@@ -136,7 +139,7 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
             initialise(scene.points, coefficients), targets, scene.extent, settings, effects=run.effects,
             seed=seed, checkpoint=folder / "checkpoint.pt", progress=True,
         )  # fmt: skip
-        keep_fit(folder, result)
+        keep_fit(run, folder, result)
 
     return fitted(run, "fit", compute)
 
@@ -246,13 +249,13 @@ def clear_object(
     def compute(folder: Path) -> None:
         left = source.select(~rows)
         near = vote(left, [view.camera for view in views], [mask_of(view) for view in views], run.effects)
-        left.save_ply(folder / GAUSSIANS)
+        left.save_ply(folder / GAUSSIANS, antialiased=run.effects.antialias)
         np.save(folder / "free.npy", (near.share > settings.free_share).numpy())
         write_json(folder / "counts.json", {"object": int(rows.sum()), "left": int((~rows).sum())})
 
     folder = run.stage("clear", compute)
     free = torch.from_numpy(np.load(folder / "free.npy"))
-    return Cleared(Gaussians.load_ply(folder / GAUSSIANS), free, list(views))
+    return Cleared(Gaussians.load_ply(folder / GAUSSIANS, every_row=True), free, list(views))
 
 
 def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.ndarray]]:
@@ -351,12 +354,12 @@ def fitted(run: Run, name: str, compute: Callable[[Path], None]) -> Gaussians:
     """Run a stage that ends with `keep_fit`, and show its curve in the report."""
     folder = run.stage(name, compute)
     run.add_metrics(name, read_json(folder / CURVE, "run again"))
-    return Gaussians.load_ply(folder / GAUSSIANS)
+    return Gaussians.load_ply(folder / GAUSSIANS, every_row=True)
 
 
-def keep_fit(folder: Path, result: FitResult) -> None:
+def keep_fit(run: Run, folder: Path, result: FitResult) -> None:
     """Write what a fit made into its stage's folder; its checkpoint has done its duty."""
-    result.gaussians.save_ply(folder / GAUSSIANS)
+    result.gaussians.save_ply(folder / GAUSSIANS, antialiased=run.effects.antialias)
     write_json(folder / CURVE, {"curve": result.curve})
     if result.exposures is not None:
         np.save(folder / EXPOSURES, result.exposures.numpy())

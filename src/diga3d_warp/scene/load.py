@@ -9,16 +9,17 @@ from itertools import pairwise
 from pathlib import Path
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene import ply
 from diga3d_warp.scene.capture import Capture, Shot, image_files, image_folders
 from diga3d_warp.scene.colmap import find_reconstruction, read_colmap
+from diga3d_warp.scene.formats.read import read_splat_points
+from diga3d_warp.scene.formats.recognise import SPLAT_ENDINGS, splat_format
 from diga3d_warp.scene.images import Photograph, choose_folder, read_photograph, read_photographs
 from diga3d_warp.scene.llff import read_llff
 from diga3d_warp.scene.masks import find_masks, mask_notes, read_mask, without_covering
 from diga3d_warp.scene.nerfstudio import find_transforms, read_nerfstudio
 from diga3d_warp.scene.scene import Reading, Scene, View
 from diga3d_warp.scene.sfm import map_images, shrink, triangulate
-from diga3d_warp.scene.splat import find_cameras_root, find_splat, is_splat, read_splat_cameras
+from diga3d_warp.scene.splat import find_cameras_root, find_splat, read_splat_cameras
 
 # With fewer views, holding one out costs the fit more than a test is worth.
 _FEWEST_VIEWS_TO_HOLD_OUT = 4
@@ -112,8 +113,8 @@ def _recognise(path: Path, progress: bool) -> tuple[Path, Capture, Path | None]:
     if not path.exists():
         raise InputError(f"{path}: there is no such file or folder; give the folder of a capture")
     splat = None
-    if path.suffix.lower() == ".ply" and path.is_file():
-        if not is_splat(path):
+    if path.suffix.lower() in SPLAT_ENDINGS and path.is_file():
+        if splat_format(path) is None:
             raise InputError(f"{path}: a .ply without gaussians; give the folder of the capture instead")
         root, splat = find_cameras_root(path), path
     else:
@@ -132,7 +133,8 @@ def _recognise(path: Path, progress: bool) -> tuple[Path, Capture, Path | None]:
     else:
         capture = _map_folder(root, progress)
     if splat is not None:
-        capture = replace(capture, kind="splat", points=ply.read_points(splat))
+        points, notes = read_splat_points(splat)
+        capture = replace(capture, kind="splat", points=points, notes=[*capture.notes, *notes])
     return root, capture, splat
 
 

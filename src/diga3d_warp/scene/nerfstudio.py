@@ -14,8 +14,10 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.files import read_json
 from diga3d_warp.scene.capture import IMAGE_SUFFIXES, Capture, Shot, image_folders, image_key, inside
 from diga3d_warp.scene.entries import Entries
+from diga3d_warp.scene.formats.read import read_splat_points
+from diga3d_warp.scene.formats.recognise import splat_format
 from diga3d_warp.scene.images import read_image
-from diga3d_warp.scene.ply import read_points
+from diga3d_warp.scene.point_cloud import read_points
 from diga3d_warp.scene.transforms import read_frames
 
 
@@ -61,7 +63,8 @@ def read_nerfstudio(root: Path, paths: Sequence[Path]) -> Capture:
     if named := _cloud_name(paths[0], contents[0]):
         cloud = root / inside(root, named, paths[0])
         if cloud.is_file():
-            points = read_points(cloud)
+            points, said = read_points(cloud) if splat_format(cloud) is None else read_splat_points(cloud)
+            notes += said
         else:
             notes.append(f"{cloud} is missing: points are triangulated instead")
     return Capture("nerfstudio", shots, folders, points, notes, held_out)

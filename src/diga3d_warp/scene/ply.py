@@ -1,13 +1,18 @@
-"""Vertices of a .ply file, ASCII or binary, as a structured array."""
+"""Elements of a .ply file, ASCII or binary, as structured arrays."""
 
 from __future__ import annotations
 
+import re
+import struct
+from collections.abc import Collection
+from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.scene import Points
 
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
@@ -15,91 +20,220 @@ _TYPES = {
     "float": "f4", "double": "f8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 _BYTE_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
-_HEADER_LIMIT = 1 << 16  # bytes; a 3DGS header takes 2 kB
-_DC_TO_COLOR = 0.28209479177387814  # value of the constant spherical harmonic, 1 / (2 sqrt(pi))
+_HEADER_LIMIT = 1 << 20  # bytes; a 3DGS header takes 2 kB, comments may hold a whole command line or JSON
+_HEADER_END = re.compile(rb"[\r\n]end_header[ \t]*(\r\n|\n|\r)")
+_ASCII_LEAST = 2  # bytes of a number in a text file, with the space or line end after it
+_MISSING_LINE_END = 1  # byte that a text file may lack after its last number
 
 
-def _header(path: Path) -> tuple[int, str, list[tuple[str, int, list[tuple[str, str]]]]]:
-    """Length of the header [bytes], format, and the elements as (name, count, [(property, type)])."""
-    with path.open("rb") as file:
-        start = file.read(_HEADER_LIMIT)
-    end = start.find(b"end_header")
-    newline = start.find(b"\n", end)
-    if not start.startswith(b"ply") or end < 0 or newline < 0:
+@dataclass(frozen=True)
+class Property:
+    """One column of an element.
+
+    Attributes:
+        name: Its name.
+        kind: NumPy type of the values, without byte order.
+        count_kind: NumPy type of the length before each list; None for a plain number.
+    """
+
+    name: str
+    kind: str
+    count_kind: str | None = None
+
+
+@dataclass(frozen=True)
+class Element:
+    """One table of the file.
+
+    Attributes:
+        name: "vertex", "face", "chunk", ...
+        count: Number of rows that the header announces.
+        properties: Its columns.
+    """
+
+    name: str
+    count: int
+    properties: tuple[Property, ...]
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of the columns."""
+        return frozenset(column.name for column in self.properties)
+
+    @property
+    def plain(self) -> bool:
+        """Whether all columns are plain numbers, so that rows have one size."""
+        return all(column.count_kind is None for column in self.properties)
+
+    def row_size(self, form: str) -> int:
+        """Bytes that a row takes at least: a list may be empty, a number in a text have one digit."""
+        if form == "ascii":
+            return len(self.properties) * _ASCII_LEAST
+        return sum(np.dtype(column.count_kind or column.kind).itemsize for column in self.properties)
+
+    def layout(self, order: str) -> np.dtype:
+        """The row as a structured NumPy type, for plain elements."""
+        return np.dtype([(column.name, order + column.kind) for column in self.properties])
+
+
+@dataclass(frozen=True)
+class Header:
+    """What the header of a .ply says.
+
+    Attributes:
+        size: Length of the header [bytes].
+        form: "ascii", "binary_little_endian" or "binary_big_endian".
+        elements: In the order of the file.
+        comments: Text of the comment lines.
+    """
+
+    size: int
+    form: str
+    elements: tuple[Element, ...]
+    comments: tuple[str, ...]
+
+    def element(self, name: str) -> Element | None:
+        """The element of this name, if there is one."""
+        return next((element for element in self.elements if element.name == name), None)
+
+
+def read_header(path: Path) -> Header:
+    """Read the header of a .ply file, with line ends of any system.
+
+    Raises:
+        InputError: the file cannot be read, is not a .ply, or its header is damaged.
+    """
+    try:
+        with path.open("rb") as file:
+            start = file.read(_HEADER_LIMIT)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({(error.strerror or '').lower()})") from error
+    end = _HEADER_END.search(start)
+    if not start.startswith(b"ply") or end is None:
         raise InputError(f"{path}: not a .ply file, its header is missing; export it again")
     form = ""
-    elements: list[tuple[str, int, list[tuple[str, str]]]] = []
-    for line in start[:end].decode("latin-1").splitlines():
+    comments: list[str] = []
+    elements: list[tuple[str, int, list[Property]]] = []
+    for line in start[: end.start()].decode("latin-1").splitlines():
         match line.split():
+            case ["comment", *_]:
+                comments.append(line.strip().removeprefix("comment").strip())
             case ["format", form, *_]:
                 pass
-            case ["element", name, count] if count.isdecimal():
+            case ["element", name, count] if count.isascii() and count.isdecimal():
                 elements.append((name, int(count), []))
-            case ["property", kind, name] if elements:
-                elements[-1][2].append((name, kind))
-            case ["property", "list", _, _, name] if elements:
-                elements[-1][2].append((name, "list"))
+            case ["property", "list", count_kind, kind, name] if elements and {count_kind, kind} <= set(
+                _TYPES
+            ):
+                elements[-1][2].append(Property(name, _TYPES[kind], _TYPES[count_kind]))
+            case ["property", kind, name] if elements and kind in _TYPES:
+                elements[-1][2].append(Property(name, _TYPES[kind]))
+            case ["element" | "property", *_]:
+                raise InputError(f"{path}: the .ply header has a line {line.strip()!r}; export it again")
     if form not in _BYTE_ORDERS or not elements:
         raise InputError(f"{path}: the .ply header names no known format or no element; export it again")
-    return newline + 1, form, elements
+    for name, _, properties in elements:
+        if len({column.name for column in properties}) < len(properties):
+            raise InputError(f"{path}: the .ply header names a property of {name} twice; export it again")
+    return Header(
+        end.end(),
+        form,
+        tuple(Element(name, count, tuple(properties)) for name, count, properties in elements),
+        tuple(comments),
+    )
 
 
-def property_names(path: Path) -> set[str]:
-    """Names of the vertex properties; empty if the vertices are not the first element."""
-    _, _, elements = _header(path)
-    name, _, properties = elements[0]
-    return {p for p, _ in properties} if name == "vertex" else set()
+def read_elements(path: Path, header: Header, wanted: Collection[str]) -> dict[str, np.ndarray]:
+    """Read elements of a .ply file, wherever in the file they stand.
+
+    Nothing is allocated before the file is known to be long enough for the rows that it announces.
+
+    Args:
+        path: The file.
+        header: Its header.
+        wanted: Names of elements whose columns are plain numbers; those that the file lacks are left out.
+
+    Returns:
+        Structured arrays with one field per property, by the name of the element.
+
+    Raises:
+        InputError: the file is cut short or damaged, or a wanted element holds lists.
+    """
+    remaining = set(wanted) & {element.name for element in header.elements}
+    found: dict[str, np.ndarray] = {}
+    with path.open("rb") as file:
+        size = file.seek(0, 2)
+        file.seek(header.size)
+        for element in header.elements:
+            if not remaining:
+                break
+            damaged = InputError(
+                f"{path}: cut short or damaged: cannot read its {element.count} rows of {element.name}; "
+                "export it again"
+            )
+            if element.count * element.row_size(header.form) > size - file.tell() + _MISSING_LINE_END:
+                raise damaged
+            if element.name in remaining and not element.plain:
+                raise InputError(f"{path}: {element.name} holds lists instead of numbers; export it again")
+            try:
+                if element.name in remaining:
+                    found[element.name] = _read(file, element, header.form)
+                    remaining.remove(element.name)
+                else:
+                    _skip(file, element, header.form, size)
+            except (ValueError, struct.error) as error:
+                raise damaged from error
+    return found
 
 
 def read_vertices(path: Path) -> np.ndarray:
     """Vertices of a .ply file, a structured array with one field per property.
 
     Raises:
-        InputError: the file is not a .ply, is cut short, or does not begin with vertices of plain numbers.
+        InputError: the file is not a .ply, is cut short, or holds no vertices of plain numbers.
     """
-    begin, form, elements = _header(path)
-    name, count, properties = elements[0]
-    if name != "vertex" or any(kind not in _TYPES for _, kind in properties):
-        raise InputError(f"{path}: the first element must be vertices of plain numbers; export it again")
-    if len({p for p, _ in properties}) < len(properties):
-        raise InputError(f"{path}: the .ply header names a property twice; export it again")
-    layout = np.dtype([(p, _BYTE_ORDERS[form] + _TYPES[kind]) for p, kind in properties])
-    damaged = InputError(f"{path}: cut short or damaged: cannot read its {count} vertices; export it again")
+    header = read_header(path)
+    if header.element("vertex") is None:
+        raise InputError(f"{path}: the .ply holds no vertices; export it again")
+    return read_elements(path, header, {"vertex"})["vertex"]
+
+
+def _read(file: BinaryIO, element: Element, form: str) -> np.ndarray:
+    layout = element.layout(_BYTE_ORDERS[form])
     if form != "ascii":
-        if path.stat().st_size < begin + layout.itemsize * count:
-            raise damaged
-        return np.fromfile(path, layout, count, offset=begin)
-    lines = path.read_bytes()[begin:].split(b"\n", count)[:count]
-    try:
-        table = np.array([line.split() for line in lines], np.float64).reshape(count, len(properties))
-    except ValueError:
-        raise damaged from None
-    vertices = np.empty(count, layout)
-    for column, (p, _) in enumerate(properties):
-        vertices[p] = table[:, column]
-    return vertices
+        rows = np.fromfile(file, layout, element.count)
+        if len(rows) < element.count:
+            raise ValueError("fewer rows than the header says")
+        return rows
+    rows = np.empty(element.count, layout)
+    if element.count == 0 or not element.properties:
+        return rows
+    lines = islice(filter(bytes.strip, file), element.count)
+    table = np.loadtxt(lines, np.float64, comments=None, ndmin=2)
+    if table.shape != (element.count, len(element.properties)):
+        raise ValueError("rows of other lengths than the header says")
+    for column, name in enumerate(layout.names or ()):
+        with np.errstate(invalid="ignore", over="ignore"):
+            rows[name] = table[:, column]
+    return rows
 
 
-def read_points(path: Path) -> Points:
-    """Points of a point cloud or of a splat .ply; grey where it has no colours.
-
-    Points that are not finite are left out.
-
-    Raises:
-        InputError: the file is damaged or has no positions.
-    """
-    vertices = read_vertices(path)
-    fields = set(vertices.dtype.names or ())
-    if not {"x", "y", "z"} <= fields:
-        raise InputError(f"{path}: the vertices have no x, y, z; export it again")
-    positions = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float64)
-    if {"red", "green", "blue"} <= fields:
-        colors = np.stack([vertices[c] for c in ("red", "green", "blue")], axis=1).astype(np.uint8)
-    elif {"f_dc_0", "f_dc_1", "f_dc_2"} <= fields:
-        constant = np.stack([vertices[f"f_dc_{c}"] for c in range(3)], axis=1)
-        shade = np.nan_to_num(0.5 + _DC_TO_COLOR * constant)
-        colors = np.rint(shade.clip(0, 1) * 255).astype(np.uint8)
-    else:
-        colors = np.full((len(positions), 3), 128, np.uint8)
-    finite = np.isfinite(positions).all(axis=1)
-    return Points(positions[finite], colors[finite])
+def _skip(file: BinaryIO, element: Element, form: str, size: int) -> None:
+    """Move behind an element that nobody wants."""
+    if form == "ascii":
+        count = sum(1 for _ in islice(filter(bytes.strip, file), element.count if element.properties else 0))
+        if element.properties and count < element.count:
+            raise ValueError("fewer rows than the header says")
+        return
+    order = _BYTE_ORDERS[form]
+    if element.plain:
+        file.seek(element.count * element.layout(order).itemsize, 1)
+        return
+    for _ in range(element.count):
+        for column in element.properties:
+            length = 1
+            if column.count_kind is not None:
+                count_type = np.dtype(column.count_kind)
+                length = struct.unpack(order + count_type.char, file.read(count_type.itemsize))[0]
+            if length < 0 or file.seek(length * np.dtype(column.kind).itemsize, 1) > size:
+                raise ValueError("a list beyond the end of the file")

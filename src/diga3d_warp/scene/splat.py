@@ -1,4 +1,4 @@
-"""Splat captures: a 3DGS .ply with the cameras.json that 3DGS training writes beside it."""
+"""Splat captures: a splat with the cameras.json that 3DGS training writes beside it."""
 
 from __future__ import annotations
 
@@ -7,38 +7,29 @@ from pathlib import Path
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.cameras_file import load_cameras
 from diga3d_warp.scene.capture import Capture, Shot, image_folders, image_key, inside
-from diga3d_warp.scene.ply import property_names
+from diga3d_warp.scene.formats.recognise import FORMATS, find_splats, splat_format
 
-# What tells a splat from a point cloud.
-_SPLAT_PROPERTIES = frozenset({"x", "y", "z", "f_dc_0", "opacity", "scale_0", "rot_0"})
-# Files that hold poses, and how far above the .ply they may lie: 3DGS writes
+# Files that hold poses, and how far above the splat they may lie: 3DGS writes
 # RUN/point_cloud/iteration_30000/point_cloud.ply and RUN/cameras.json.
 _POSES = ("cameras.json", "transforms.json", "transforms_train.json", "sparse", "poses_bounds.npy")
 _LEVELS = 3
 
 
-def is_splat(path: Path) -> bool:
-    """Whether a .ply holds gaussians in the 3DGS form.
-
-    Raises:
-        InputError: the file is not a .ply.
-    """
-    return property_names(path) >= _SPLAT_PROPERTIES
-
-
 def find_splat(root: Path) -> Path | None:
-    """The splat .ply of a scene folder: in the folder itself, or the latest iteration of a 3DGS run.
+    """The splat of a scene folder: in the folder itself, or the latest iteration of a 3DGS run.
+
+    Where one splat lies there in several formats, files of one stem, the most exact is meant.
 
     Raises:
         InputError: there are several, and nothing says which one is meant.
     """
-    splats = [path for path in sorted(root.glob("*.ply")) if is_splat(path)]
-    if len(splats) > 1:
+    splats = find_splats(root)
+    if len({path.stem.removesuffix(".compressed") for path in splats}) > 1:
         raise InputError(
             f"{root}: several splats ({', '.join(p.name for p in splats)}); give the path of one"
         )
     if splats:
-        return splats[0]
+        return min(splats, key=lambda path: FORMATS.index(splat_format(path) or FORMATS[-1]))
     iterations = {}
     for path in root.glob("point_cloud/iteration_*/point_cloud.ply"):
         number = path.parent.name.removeprefix("iteration_")

@@ -1,0 +1,45 @@
+"""Is this file a splat, and in which format? The one place that decides."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from diga3d_warp.scene.ply import Element, read_header
+
+FORMATS = ("ply", "compressed-ply", "sog", "spz", "ksplat", "splat")
+"""Names of the formats, from the most exact to the least."""
+
+SPLAT_ENDINGS = frozenset({".ply", ".sog", ".spz", ".ksplat", ".splat"})
+"""Endings of splat files, lower case. A .ply may be a point cloud or a mesh, too."""
+
+_GAUSSIAN_PROPERTIES = frozenset({"x", "y", "z", "f_dc_0", "opacity", "scale_0", "rot_0"})
+_PACKED_PROPERTIES = frozenset({"packed_position", "packed_rotation", "packed_scale", "packed_color"})
+
+
+def splat_format(path: Path) -> str | None:
+    """Name of the format that a file is a splat in, one of `FORMATS`; None if it is no splat.
+
+    The ending decides, in upper or lower case, and for a .ply its header: gaussians in the 3DGS form ("ply")
+    or in PlayCanvas' compressed form ("compressed-ply"), not points or a mesh.
+
+    Raises:
+        InputError: the file ends with .ply and is none.
+    """
+    ending = path.suffix.lower()
+    if ending not in SPLAT_ENDINGS or not path.is_file():
+        return None
+    if ending != ".ply":
+        return ending.removeprefix(".")
+    vertex = read_header(path).element("vertex") or Element("vertex", 0, ())
+    if vertex.names >= _PACKED_PROPERTIES:
+        return "compressed-ply"
+    return "ply" if vertex.names >= _GAUSSIAN_PROPERTIES else None
+
+
+def find_splats(folder: Path) -> list[Path]:
+    """The splat files in a folder, not below it, sorted by name.
+
+    Raises:
+        InputError: a file that ends with .ply is none.
+    """
+    return [path for path in sorted(folder.iterdir()) if splat_format(path) is not None]

@@ -1,0 +1,64 @@
+"""Coloured points of a .ply file: positions and 8-bit colours, whatever numbers the file holds them in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.scene.ply import read_vertices
+from diga3d_warp.scene.scene import Points
+
+_COLOR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
+"""Properties that hold colours: those of MeshLab and CloudCompare, of older exporters, and of Polycam."""
+
+GREY = 128
+"""Colour of points that have none."""
+
+
+def read_points(path: Path) -> tuple[Points, list[str]]:
+    """Points of a point cloud .ply, grey where it has no colours.
+
+    Points that are not finite are left out. Colours are taken as 0 to 255, 0 to 1 or 0 to 65535, whichever
+    fits the type and the largest value.
+
+    Returns:
+        The points, and a note for each thing that was guessed or left out.
+
+    Raises:
+        InputError: the file is damaged or has no positions.
+    """
+    vertices = read_vertices(path)
+    fields = set(vertices.dtype.names or ())
+    if not {"x", "y", "z"} <= fields:
+        raise InputError(f"{path}: the vertices have no x, y, z; export it again")
+    positions = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float64)
+    notes = []
+    names = next((names for names in _COLOR_NAMES if fields.issuperset(names)), None)
+    if names is None:
+        colors = np.full((len(positions), 3), GREY, np.uint8)
+        notes.append(f"{path.name}: the points have no colours and start grey")
+    else:
+        colors, note = _eight_bit(np.stack([vertices[name] for name in names], axis=1))
+        notes += [f"{path.name}: {note}"] if note else []
+    finite = np.isfinite(positions).all(axis=1)
+    if not finite.all():
+        notes.append(f"{path.name}: left out {int((~finite).sum())} points with NaN or infinite positions")
+    return Points(positions[finite], colors[finite]), notes
+
+
+def _eight_bit(values: np.ndarray) -> tuple[np.ndarray, str | None]:
+    """Colours as uint8, and what was guessed of their range."""
+    if values.dtype == np.uint8:
+        return values, None
+    shades = np.nan_to_num(values.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    largest = float(shades.max(initial=0.0))
+    if values.dtype.kind == "f" and largest <= 1.0:
+        scale, said = 255.0, "colours from 0 to 1"
+    elif largest <= 255.0:
+        scale, said = 1.0, "colours from 0 to 255"
+    else:
+        scale, said = 255.0 / 65535.0, "colours from 0 to 65535"
+    note = f"{said}, as their type {values.dtype.name} and their largest value {largest:g} suggest"
+    return np.rint((shades * scale).clip(0, 255)).astype(np.uint8), note

@@ -1,0 +1,44 @@
+"""A capture that comes with a splat: drawn as its file says, and kept as it is."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import torch
+
+from diga3d_warp.evaluation.record import read_manifest
+from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
+from diga3d_warp.scene.formats.read import read_splat
+from diga3d_warp.scene.load import load_scene
+from scenes import random_gaussians
+
+
+def test_an_antialiased_splat_is_drawn_and_published_so(room, tmp_path, monkeypatch):
+    scene = tmp_path / "scene"
+    shutil.copytree(room, scene, ignore=shutil.ignore_patterns("ground_truth", "masks"))
+    capture = load_scene(room)
+    save_cameras(scene / "cameras.json", CameraSet.of(capture))
+    shutil.rmtree(scene / "sparse")
+    gaussians = random_gaussians(60)
+    chosen = np.linspace(0, len(capture.points) - 1, 60).astype(int)
+    gaussians.means = torch.from_numpy(capture.points.positions[chosen].astype(np.float32))
+    gaussians.opacity_logits[:5] = float("inf")
+    gaussians.save_ply(scene / "splat.ply", antialiased=True)
+
+    run = Run(tmp_path / "run", "fit", {})
+    monkeypatch.setattr(stages, "priced", lambda plan, *_: plan)  # prices take seconds to measure
+    given = stages.begin(run, load_scene(scene))
+    kept = stages.fit_source(run, given, FitSettings(), seed=0)
+    manifest = read_manifest(run.folder)
+    (choice,) = [c for c in manifest["effects"]["choices"] if c["effect"] == "antialias"]
+    assert choice["value"] is True and choice["by"] == "splat"
+    assert "the splat was fitted with anti-aliasing, and is drawn with it" in manifest["notes"]
+    assert "splat.ply: 5 gaussians of infinite opacity logit are opaque" in manifest["notes"]
+    content = read_splat(run.folder / "stages" / "fit" / "point_cloud.ply")
+    assert content.antialiased and content.notes == []
+    assert len(kept) == 60 and (kept.opacities[:5] == 1.0).all()
+    torch.testing.assert_close(kept.means, gaussians.means, rtol=0, atol=0)
