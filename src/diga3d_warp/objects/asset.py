@@ -81,7 +81,9 @@ def read_asset(path: Path) -> Asset:
         InputError: the file is missing, not readable, or holds no surface.
     """
     if not path.is_file():
-        raise InputError(f"{path}: no such asset; give a mesh (.glb, .obj, .ply, .stl) or a splat (.ply, .spz, .sog, ...)")
+        raise InputError(
+            f"{path}: no such asset; give a mesh (.glb, .obj, .ply, .stl) or a splat (.ply, .spz, .sog)"
+        )
     if splat_format(path) is not None:
         content = read_splat(path)
         return splat_asset(Gaussians.from_rows(content.rows), content.notes)
