@@ -1,5 +1,7 @@
 """A photograph as a material: seamless, evenly lit, and refused in one line where it is not usable."""
 
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -8,7 +10,7 @@ import pytest
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.materials.vocabulary import MATERIALS
-from diga3d_warp.objects.picture import chosen_material, picture_material, seamless
+from diga3d_warp.objects.picture import chosen_material, opaque_square, picture_material, seamless
 from diga3d_warp.objects.solids import solid_of
 
 
@@ -94,6 +96,94 @@ def test_a_solid_takes_the_picture(tmp_path):
     assert colors[:, 2].mean() > 1.5 * colors[:, 0].mean()
 
 
+def cut_out(shape, noise_size=120) -> np.ndarray:
+    """Blue bricks where a matte is opaque, noise where it is not, BGR and alpha."""
+    rng = np.random.default_rng(0)
+    pixels = rng.integers(0, 255, (noise_size, noise_size, 4), np.uint8)
+    pixels[..., 3] = 255 * shape
+    bricks = (MATERIALS["brick"].exemplar(noise_size, 3) * 255).astype(np.uint8)
+    pixels[..., :3] = np.where(shape[..., None], bricks, pixels[..., :3])
+    return pixels
+
+
+def disc(radius: float, size: int = 120) -> np.ndarray:
+    y, x = np.mgrid[:size, :size] - size / 2
+    return np.hypot(x, y) < radius
+
+
+def test_only_opaque_pixels_are_used(tmp_path):
+    """What lies under transparent pixels is whatever the exporter left there."""
+    cv2.imwrite(str(tmp_path / "bricks.png"), cut_out(disc(50)))
+    material = picture_material(tmp_path / "bricks.png")
+    assert material.notes == ("bricks.png: 71 x 71 px of it are used, the largest opaque square",)
+    texture = material.exemplar(64, 0)
+    assert texture[..., 2].mean() > 1.5 * texture[..., 0].mean(), "bricks, read as blue"
+    whole = (MATERIALS["brick"].exemplar(120, 3)[..., ::-1]).mean((0, 1))
+    assert np.allclose(texture.mean((0, 1)), whole, atol=0.06)
+
+
+def test_a_square_off_the_middle_is_found():
+    alpha = np.zeros((90, 140), np.uint8)
+    alpha[10:60, 80:135] = 255
+    rows, columns = opaque_square(alpha)
+    assert rows == slice(10, 59) or rows == slice(11, 60)
+    assert columns.stop - columns.start == 49 and columns.start >= 80 and columns.stop <= 135
+    assert (alpha[rows, columns] == 255).all()
+
+
+def test_partly_opaque_pixels_have_their_own_colour(tmp_path):
+    picture = np.full((64, 64, 4), (200, 100, 0, 140), np.uint8)
+    cv2.imwrite(str(tmp_path / "glass.png"), picture)
+    texture = picture_material(tmp_path / "glass.png").exemplar(64, 0)
+    assert np.allclose(texture, np.array([0, 100, 200]) / 255, atol=0.01)
+
+
+def sixteen_bits() -> np.ndarray:
+    return (photograph("wood")[..., ::-1] * 65535).astype(np.uint16)
+
+
+def grey() -> np.ndarray:
+    return (photograph("brick").mean(2) * 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(("make", "name"), [(sixteen_bits, "wood"), (grey, "brick")])
+def test_pictures_of_every_depth(tmp_path, make, name):
+    cv2.imwrite(str(tmp_path / "picture.png"), make())
+    texture = picture_material(tmp_path / "picture.png").exemplar(128, 0)
+    plain = picture_material(save(tmp_path / "plain.png", photograph(name))).exemplar(128, 0)
+    if make is grey:
+        assert np.ptp(texture, axis=2).max() < 0.01
+        plain = plain.mean(2, keepdims=True)
+    assert np.allclose(texture.mean((0, 1)), plain.mean((0, 1)), atol=0.02) and texture.std() > 0.02
+
+
+def test_one_colour_is_noted(tmp_path):
+    material = picture_material(save(tmp_path / "red.png", np.full((40, 40, 3), (0.8, 0.1, 0.1))))
+    assert material.notes == ("red.png: it shows one colour and no texture",)
+    assert solid_of("a cube", 0, tmp_path / "red.png").notes == material.notes
+
+
+def announced(path: Path) -> None:
+    """A PNG that announces 30000 x 30000 pixels."""
+    header = struct.pack(">IIBBBBB", 30000, 30000, 8, 2, 0, 0, 0)
+    chunks = b""
+    for kind, data in ((b"IHDR", header), (b"IDAT", zlib.compress(bytes(64))), (b"IEND", b"")):
+        chunks += struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunks)
+
+
+def transparent(path: Path) -> None:
+    cv2.imwrite(str(path), cut_out(np.zeros((120, 120), bool)))
+
+
+def hardly_opaque(path: Path) -> None:
+    cv2.imwrite(str(path), cut_out(disc(15)))
+
+
+def one_pixel(path: Path) -> None:
+    cv2.imwrite(str(path), np.zeros((1, 1, 3), np.uint8))
+
+
 def absent(path: Path) -> None:
     path.unlink()
 
@@ -126,6 +216,10 @@ BAD_PICTURES = {
     empty: "not readable as an image",
     cut_short: "cut short",
     tiny: "400 x 31 px; give at least 32",
+    one_pixel: "1 x 1 px; give at least 32",
+    announced: "30000 x 30000 px; images of more than",
+    transparent: "alpha is 0 everywhere",
+    hardly_opaque: "its largest square without transparent pixels is 21 x 21 px",
 }
 
 

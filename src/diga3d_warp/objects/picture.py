@@ -14,10 +14,14 @@ from numpy.random import Generator
 from diga3d_warp.errors import InputError
 from diga3d_warp.materials.prompt import material_of
 from diga3d_warp.materials.vocabulary import Material
-from diga3d_warp.scene.images import read_image, resize_image
+from diga3d_warp.scene.decoding import read_header
+from diga3d_warp.scene.images import BACKGROUND, read_photograph, resize_image
 
 SIDE_LEAST = 32
 """Shorter side of a usable picture [px]: less is a colour rather than a texture."""
+
+OPAQUE = 128
+"""Opacity from which the colour of a pixel is the material's, of 255."""
 
 SIDE_MOST = 768
 """Edge at which a picture is made seamless [px]; textures on objects have up to 512 texels."""
@@ -43,24 +47,42 @@ def chosen_material(prompt: str, exemplar: Path | None) -> Material:
 
 
 def picture_material(path: Path) -> Material:
-    """The material that a picture shows, as large on an object as the square in its middle.
+    """The material that a picture shows, as large on an object as the square that is taken of it.
 
     Args:
-        path: A photograph of the material, upright, such as a .jpg or .png.
+        path: A photograph of the material, upright, such as a .jpg or .png. Of one with transparent pixels,
+            the largest square without any is taken; else the one in the middle.
 
     Raises:
-        InputError: the file is missing, not readable as an image, or too small.
+        InputError: the file is missing, not readable as an image, too large to decode, or too small.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such picture; give a photograph of the material to --exemplar")
-    pixels = read_image(path, upright=True)
+    photograph = read_photograph(path, orientation=read_header(path).orientation)
+    pixels, notes = photograph.pixels, []
     height, width = pixels.shape[:2]
     side = min(height, width)
     if side < SIDE_LEAST:
         raise InputError(f"{path}: {width} x {height} px; give at least {SIDE_LEAST} on the shorter side")
-    top, left = (height - side) // 2, (width - side) // 2
-    square = resize_image(pixels[top : top + side, left : left + side], min(1.0, SIDE_MOST / side))
-    texture = seamless(square / 255.0)
+    square = (
+        slice((height - side) // 2, (height + side) // 2),
+        slice((width - side) // 2, (width + side) // 2),
+    )
+    if photograph.alpha is not None and not (photograph.alpha[square] >= OPAQUE).all():
+        square = opaque_square(photograph.alpha)
+        side = square[0].stop - square[0].start
+        if side < SIDE_LEAST:
+            raise InputError(
+                f"{path}: its largest square without transparent pixels is {side} x {side} px; give a "
+                f"picture with at least {SIDE_LEAST} x {SIDE_LEAST} opaque ones"
+            )
+        notes.append(f"{path.name}: {side} x {side} px of it are used, the largest opaque square")
+    chosen = pixels[square].astype(np.float32)
+    if photograph.alpha is not None:
+        chosen = _uncovered(chosen, photograph.alpha[square])
+    texture = seamless(resize_image(chosen, min(1.0, SIDE_MOST / side)) / 255.0)
+    if float(texture.std(axis=(0, 1)).max()) < 1.0 / 255.0:
+        notes.append(f"{path.name}: it shows one colour and no texture")
 
     def painter(_: Generator, side: int) -> np.ndarray:
         import cv2
@@ -68,7 +90,34 @@ def picture_material(path: Path) -> Material:
         shrinks = side < len(texture)
         return cv2.resize(texture, (side, side), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
 
-    return Material(path.stem, painter)
+    return Material(path.stem, painter, notes=tuple(notes))
+
+
+def opaque_square(alpha: np.ndarray) -> tuple[slice, slice]:
+    """The largest square without transparent pixels, the one nearest to the middle of several.
+
+    Args:
+        alpha: Opacity, shape (H, W), uint8.
+
+    Returns:
+        Its rows and columns; empty if no pixel is opaque.
+    """
+    import cv2
+
+    padded = np.pad((alpha >= OPAQUE).astype(np.uint8), 1)
+    # Steps of a king to the nearest transparent pixel: half the side of the square around each.
+    reach = np.rint(cv2.distanceTransform(padded, cv2.DIST_C, 3)[1:-1, 1:-1]).astype(int)
+    rows, columns = np.nonzero(reach == reach.max())
+    away = np.hypot(rows - 0.5 * (alpha.shape[0] - 1), columns - 0.5 * (alpha.shape[1] - 1))
+    row, column = int(rows[away.argmin()]), int(columns[away.argmin()])
+    half = int(reach.max())
+    return slice(row - half + 1, row + half), slice(column - half + 1, column + half)
+
+
+def _uncovered(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """The colours of partly opaque pixels (H, W, 3) in [0, 255], which were composed over `BACKGROUND`."""
+    share = np.maximum(alpha, 1)[..., None].astype(np.float32) / 255.0
+    return np.clip((pixels - 255.0 * (1.0 - share) * np.array(BACKGROUND, np.float32)) / share, 0.0, 255.0)
 
 
 def seamless(picture: np.ndarray) -> np.ndarray:
