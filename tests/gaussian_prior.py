@@ -7,6 +7,7 @@ for it, so that the loops can be checked without weights.
 import torch
 import torch.nn.functional as F
 
+from diga3d_warp.priors.attention import attend_through
 from diga3d_warp.priors.conditioning import Conditioning, Prompts
 from diga3d_warp.priors.schedule import Schedule
 
@@ -68,7 +69,7 @@ class GaussianPrior:
             noise = noise + control.scale * control.image[:, None]
         if self.attention and self.bank is not None:
             tokens = z.flatten(2).mT
-            seen = self.bank.attend("pixels", tokens, tokens, tokens, dot_attention)
+            seen = attend_through(self.bank, "pixels", tokens, tokens, tokens, dot_attention)
             noise = noise + self.attention * seen.mT.reshape(z.shape)
         return noise
 

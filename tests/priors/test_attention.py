@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.priors.attention import AttentionBank
+from diga3d_warp.priors.attention import AttentionBank, attend_through
 
 
 def softmax_attention(query, key, value):
@@ -20,12 +20,12 @@ def qkv():
 
 def fill(bank, qkv, count=3, half=None, layer="a"):
     with bank.writing(half):
-        return bank.attend(layer, *(x[:count] for x in qkv), softmax_attention)
+        return attend_through(bank, layer, *(x[:count] for x in qkv), softmax_attention)
 
 
 def read(bank, qkv, half=None, layer="a"):
     with bank.reading(half):
-        return bank.attend(layer, *(x[3:] for x in qkv), softmax_attention)
+        return attend_through(bank, layer, *(x[3:] for x in qkv), softmax_attention)
 
 
 @pytest.mark.parametrize("count", [1, 3])
@@ -51,7 +51,7 @@ def test_it_is_not_one_softmax_over_all_references(qkv):
 def test_writing_and_off_change_nothing(qkv):
     bank = AttentionBank()
     own = softmax_attention(*qkv)
-    assert torch.equal(bank.attend("a", *qkv, softmax_attention), own)
+    assert torch.equal(attend_through(bank, "a", *qkv, softmax_attention), own)
     assert bank.size == 0
     assert torch.equal(fill(bank, qkv), own[:3])
     assert bank.size == 3 * 2 * 7 * (8 + 8) * 8
@@ -82,7 +82,7 @@ def test_references_may_be_written_one_after_another(qkv):
     fill(together, qkv)
     for k in range(3):
         with apart.writing():
-            apart.attend("a", *(x[k : k + 1] for x in qkv), softmax_attention)
+            attend_through(apart, "a", *(x[k : k + 1] for x in qkv), softmax_attention)
     assert torch.equal(read(together, qkv), read(apart, qkv))
 
 
@@ -92,6 +92,26 @@ def test_reading_what_no_reference_wrote_is_an_error(qkv):
     bank.clear()
     with pytest.raises(LookupError):
         read(bank, qkv)
+
+
+class Opaque:
+    """Features that only their prior understands."""
+
+    nbytes = 7
+
+    def __init__(self, number):
+        self.number = number
+
+
+def test_the_bank_does_not_look_inside_features():
+    bank = AttentionBank(weight=0.5)
+    left = [Opaque(2.0), Opaque(4.0)]
+    with bank.writing():
+        assert torch.equal(bank.attend("a", torch.ones(2, 3), left, None), torch.ones(2, 3))
+    assert bank.size == 14
+    with bank.reading():
+        found = bank.attend("a", torch.ones(1, 3), [Opaque(9.0)], lambda of: torch.full((1, 3), of.number))
+    assert torch.equal(found, torch.full((1, 3), 0.5 + 0.5 * 3.0)) and bank.size == 14
 
 
 def test_weight_outside_the_range():

@@ -1,14 +1,15 @@
-"""Attention feature propagation (AFP): views attend to the keys and values of reference views.
+"""Attention feature propagation (AFP): views attend to the features of reference views.
 
-Paper Sec. 3.3, Eq. 3 and Eq. 4. A bank holds what references left at one timestep; priors pass each of their
-self-attentions through `AttentionBank.attend`, whatever attention is to them.
+Paper Sec. 3.3, Eq. 3 and Eq. 4. A bank holds what references leave at one timestep; priors pass each of their
+self-attentions through it, whatever attention is to them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Literal
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
 
 import torch
 
@@ -17,15 +18,39 @@ from diga3d_warp.errors import InputError
 AFP_WEIGHT = 0.6
 """lambda_a of Eq. 4 (paper, appendix)."""
 
-Attention = Callable[[torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
-"""Attn(Q, K, V) of Eq. 3, with any leading dimensions that the three broadcast over."""
+
+class Features(Protocol):
+    """What a view leaves at one attention, for others to attend to: the bank does not look inside."""
+
+    @property
+    def nbytes(self) -> int:
+        """What it occupies [bytes]."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class KeysValues:
+    """The features of a network: K_r and V_r of Eq. 3.
+
+    Attributes:
+        key: Shape (1, ..., M, D).
+        value: Shape (1, ..., M, E).
+    """
+
+    key: torch.Tensor
+    value: torch.Tensor
+
+    @property
+    def nbytes(self) -> int:
+        """What both occupy [bytes]."""
+        return self.key.nbytes + self.value.nbytes
 
 
 class AttentionBank:
-    """Keys and values of reference views at one timestep, and the attention to them.
+    """Features of reference views at one timestep, and the attention to them.
 
-    Off, attention is as if the bank were not there. In `writing`, each attention also leaves its keys and
-    values; in `reading`, it is blended with the attention to them:
+    Off, attention is as if the bank were not there. In `writing`, each attention also leaves its features; in
+    `reading`, it is blended with the attention to them:
 
         w / K sum_r Attn(Q_i, K_r, V_r) + (1 - w) Attn(Q_i, K_i, V_i)
 
@@ -45,11 +70,11 @@ class AttentionBank:
         self.weight = weight
         self._mode: Literal["off", "write", "read"] = "off"
         self._half: Hashable = None
-        self._kept: dict[Hashable, list[tuple[torch.Tensor, torch.Tensor]]] = {}
+        self._kept: dict[Hashable, list[Features]] = {}
 
     @contextmanager
     def writing(self, half: Hashable = None) -> Iterator[None]:
-        """Attentions in this block leave their keys and values.
+        """Attentions in this block leave their features.
 
         Args:
             half: Half of classifier-free guidance; a reader of the same half finds them.
@@ -64,36 +89,32 @@ class AttentionBank:
     def attend(
         self,
         layer: Hashable,
-        query: torch.Tensor,
-        key: torch.Tensor,
-        value: torch.Tensor,
-        attention: Attention,
+        own: torch.Tensor,
+        features: Sequence[Features],
+        attention: Callable[[Any], torch.Tensor],
     ) -> torch.Tensor:
         """One self-attention, as the mode asks.
 
         Args:
             layer: Name of the attention, the same for all views.
-            query: Shape (B, ..., N, D), one row a view.
-            key: Shape (B, ..., M, D).
-            value: Shape (B, ..., M, E).
-            attention: Attention of `query` to keys and values whose first dimension is B or 1.
+            own: Attention of each view to itself, shape (B, ...).
+            features: What each of the B views leaves, if it is a reference.
+            attention: Attention of the B views to the features of one reference, shape (B, ...).
 
         Returns:
-            Shape (B, ..., N, E).
+            Shape (B, ...).
 
         Raises:
             LookupError: reading a layer that no reference has written in this half.
         """
-        own = attention(query, key, value)
         if self._mode == "write" and self.weight > 0.0:
-            rows = [(key[k : k + 1].detach(), value[k : k + 1].detach()) for k in range(key.shape[0])]
-            self._kept.setdefault((layer, self._half), []).extend(rows)
+            self._kept.setdefault((layer, self._half), []).extend(features)
         if self._mode != "read" or self.weight == 0.0:
             return own
         references = self._kept[layer, self._half]
         propagated = torch.zeros_like(own)
-        for reference_key, reference_value in references:
-            propagated = propagated + attention(query, reference_key, reference_value)
+        for reference in references:
+            propagated = propagated + attention(reference)
         return torch.lerp(own, propagated / len(references), self.weight)
 
     def clear(self) -> None:
@@ -102,8 +123,8 @@ class AttentionBank:
 
     @property
     def size(self) -> int:
-        """What the kept keys and values occupy [bytes]."""
-        return sum(k.nbytes + v.nbytes for rows in self._kept.values() for k, v in rows)
+        """What the kept features occupy [bytes]."""
+        return sum(each.nbytes for kept in self._kept.values() for each in kept)
 
     def _as(self, mode: Literal["write", "read"], half: Hashable) -> Iterator[None]:
         before = self._mode, self._half
@@ -112,3 +133,29 @@ class AttentionBank:
             yield
         finally:
             self._mode, self._half = before
+
+
+def attend_through(
+    bank: AttentionBank,
+    layer: Hashable,
+    query: torch.Tensor,
+    key: torch.Tensor,
+    value: torch.Tensor,
+    attention: Callable[[torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor],
+) -> torch.Tensor:
+    """The self-attention of a network, through a bank.
+
+    Args:
+        bank: Where references leave their keys and values.
+        layer: Name of the attention.
+        query: Shape (B, ..., N, D), one row a view.
+        key: Shape (B, ..., M, D).
+        value: Shape (B, ..., M, E).
+        attention: Attn(Q, K, V) of Eq. 3, of queries to keys and values whose first dimension is B or 1.
+
+    Returns:
+        Shape (B, ..., N, E).
+    """
+    rows = [KeysValues(key[k : k + 1].detach(), value[k : k + 1].detach()) for k in range(len(key))]
+    own = attention(query, key, value)
+    return bank.attend(layer, own, rows, lambda left: attention(query, left.key, left.value))

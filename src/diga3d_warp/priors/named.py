@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
+from diga3d_warp.errors import InputError
 from diga3d_warp.priors.classical import ClassicalPrior
 from diga3d_warp.priors.conditioning import ControlKind
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
@@ -11,6 +13,8 @@ from diga3d_warp.priors.protocol import Prior, Task
 
 BUILT_IN = ("exemplar", "classical")
 """Priors that need no weights."""
+
+_OTHERS = "sd-inpainting, powerpaint or a folder in diffusers format"
 
 
 def load_prior(
@@ -34,12 +38,16 @@ def load_prior(
     Raises:
         InputError: no such prior, missing weights, or prompts that it does not understand.
     """
+    if not name.strip():
+        raise InputError(f"the name of the prior is empty: give {', '.join(BUILT_IN)}, {_OTHERS}")
     if name == "classical":
         return ClassicalPrior()
     if name == "exemplar":
         return ExemplarPrior(negative=negative)
-    from diga3d_warp.priors.stable_diffusion.load import load_stable_diffusion
+    from diga3d_warp.priors.stable_diffusion.load import PRIORS, load_stable_diffusion
 
+    if name not in PRIORS and not Path(name).expanduser().exists():
+        raise InputError(f"there is no prior or folder {name}: give {', '.join(BUILT_IN)}, {_OTHERS}")
     return load_stable_diffusion(
         name, controls=controls, device=device, positive=positive, negative=negative, task=task
     )

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import torch
 import torch.nn.functional as F
-from torch.utils.weak import WeakTensorKeyDictionary
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.attention import AttentionBank
@@ -77,8 +78,6 @@ class ExemplarPrior:
         self.schedule = patch_schedule()
         self.guidance = Guidance(prompts_of("", negative, "remove"), PATCH_GUIDANCE if negative else 1.0)
         self._bank: AttentionBank | None = None
-        # What references left, as sources that all views read: for as long as the bank keeps the keys.
-        self._left = WeakTensorKeyDictionary()
 
     def fill(
         self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0, depth: torch.Tensor | None = None
@@ -173,21 +172,14 @@ class ExemplarPrior:
         own = known.image if settled else self._mean(noisy, noise, known, _source_of(text, known))
         if self._bank is None:
             return own
-        # What a reference leaves: its clean patches, what is known and what it now makes of the rest, and
-        # where that is.
-        key = torch.cat([own, known.controls, ~known.usable[..., None]], -1)[None]
 
-        def attention(query: torch.Tensor, keys: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
-            if keys is key:
-                return own[None]
-            if keys not in self._left:
-                self._left[keys] = _left_by(keys[0], values[0])
-            source, hole = self._left[keys]
+        def attention(left: LeftPatches) -> torch.Tensor:
             here = known.once("hole", lambda: _middle(~known.usable))
-            shift = (hole[0] - here[0], hole[1] - here[1]) if hole and here else (0.0, 0.0)
-            return self._mean(query[0], noise, known, source, shift)[None]
+            shift = (left.hole[0] - here[0], left.hole[1] - here[1]) if left.hole and here else (0.0, 0.0)
+            return self._mean(noisy, noise, known, left.source, shift)[None]
 
-        return self._bank.attend(LAYER, noisy[None], key, own[None], attention)[0]
+        left = LeftPatches(own, known.controls, ~known.usable)
+        return self._bank.attend(LAYER, own[None], [left], attention)[0]
 
     def _mean(
         self,
@@ -208,19 +200,42 @@ def _known(latent: torch.Tensor, mask: torch.Tensor) -> Source:
     return Source(image, mask < 0.5, image.new_zeros(*mask.shape, 0))
 
 
-def _left_by(key: torch.Tensor, image: torch.Tensor) -> tuple[Source, tuple[float, float] | None]:
-    """What a reference left, as a source, and the middle of its hole: a view looks there for its own hole.
+@dataclass(frozen=True, eq=False)
+class LeftPatches:
+    """What a reference leaves at one timestep: its clean patches, what it now makes of its hole among them.
 
-    Of a reference with a hole only what it made of that, and the rim, are taken: in a network, too, what is
-    to be invented attends to what was invented, while most patches of an image show other things.
+    Attributes:
+        image: Colours in [-1, 1], shape (H, W, 3).
+        controls: Of all its pixels, shape (H, W, c).
+        missing: Its hole, shape (H, W), bool; empty if all of it is known.
     """
-    missing = key[..., -1] > 0.5
-    hole = _middle(missing)
-    if hole is None:
-        return Source(image, torch.ones_like(missing), key[..., 3:-1], placed=False), None
-    reach = int(float(missing.sum()) ** 0.5) // 2
-    near = F.max_pool2d(missing[None, None].float(), 2 * reach + 1, 1, reach)[0, 0] > 0.0
-    return Source(image, near, key[..., 3:-1]), hole
+
+    image: torch.Tensor
+    controls: torch.Tensor
+    missing: torch.Tensor
+
+    @property
+    def nbytes(self) -> int:
+        """What they occupy [bytes]."""
+        return self.image.nbytes + self.controls.nbytes + self.missing.nbytes
+
+    @cached_property
+    def hole(self) -> tuple[float, float] | None:
+        """Middle of the hole, across and down [px]: a view looks there for its own hole."""
+        return _middle(self.missing)
+
+    @cached_property
+    def source(self) -> Source:
+        """The patches that views take, the same for all of them.
+
+        Of a reference with a hole only what it made of that, and the rim, are taken: in a network, too, what
+        is to be invented attends to what was invented, while most patches of an image show other things.
+        """
+        if self.hole is None:
+            return Source(self.image, torch.ones_like(self.missing), self.controls, placed=False)
+        reach = int(float(self.missing.sum()) ** 0.5) // 2
+        near = F.max_pool2d(self.missing[None, None].float(), 2 * reach + 1, 1, reach)[0, 0] > 0.0
+        return Source(self.image, near, self.controls)
 
 
 def _middle(hole: torch.Tensor) -> tuple[float, float] | None:

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 import torch.nn.functional as F
 
-from diga3d_warp.priors.attention import AttentionBank
+from diga3d_warp.priors.attention import AttentionBank, attend_through
 
 
 class BankedSelfAttention:
@@ -47,7 +47,7 @@ class BankedSelfAttention:
             project(hidden_states).unflatten(-1, (attn.heads, -1)).transpose(1, 2)
             for project in (attn.to_q, attn.to_k, attn.to_v)
         )
-        attended = self.bank.attend(self.layer, query, key, value, scaled_dot_product)
+        attended = attend_through(self.bank, self.layer, query, key, value, scaled_dot_product)
         out = attn.to_out[0](attended.transpose(1, 2).flatten(2))
         return attn.to_out[1](out) / attn.rescale_output_factor
 
