@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import codecs
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -158,3 +159,132 @@ def matrices_mirrored(room: FieldRoom, folder: Path) -> Path:
         frame["transform_matrix"] = (np.array(frame["transform_matrix"]) * [-1.0, 1.0, 1.0, 1.0]).tolist()
 
     return of_each(room, folder, mirror)
+
+
+def edited(room: FieldRoom, folder: Path, stem: str, change: Callable[[str], str | bytes]) -> Path:
+    """A COLMAP scene in text form with one file changed."""
+    path = room.colmap_text(folder) / "sparse" / "0" / f"{stem}.txt"
+    changed = change(path.read_text())
+    path.write_bytes(changed if isinstance(changed, bytes) else changed.encode())
+    return folder
+
+
+def image_lines(text: str) -> list[str]:
+    return [line for line in text.splitlines() if line.endswith(".jpg")]
+
+
+@case(Reads())
+def images_txt_without_lines_of_observations(room: FieldRoom, folder: Path) -> Path:
+    return edited(room, folder, "images", lambda text: "# images\n" + "\n".join(image_lines(text)))
+
+
+@case(Reads())
+def images_txt_with_a_blank_first_line(room: FieldRoom, folder: Path) -> Path:
+    return edited(room, folder, "images", lambda text: "\n" + text)
+
+
+@case(Reads())
+def images_txt_with_comments_and_blank_lines_anywhere(room: FieldRoom, folder: Path) -> Path:
+    return edited(room, folder, "images", lambda text: "\n# x\n\n\n".join(image_lines(text)))
+
+
+@case(Refuses(("images.txt", "line 3", "cannot read")))
+def images_txt_with_a_damaged_line(room: FieldRoom, folder: Path) -> Path:
+    lines = ["# images", "{}", "7 0.5 what"]
+    return edited(room, folder, "images", lambda text: "\n".join(lines).format(image_lines(text)[0]))
+
+
+@case(Reads())
+def colmap_text_with_byte_order_marks(room: FieldRoom, folder: Path) -> Path:
+    for path in (room.colmap_text(folder) / "sparse" / "0").glob("*.txt"):
+        path.write_bytes(codecs.BOM_UTF8 + path.read_bytes())
+    return folder
+
+
+@case(Reads())
+def colmap_text_in_utf_16_with_windows_line_ends(room: FieldRoom, folder: Path) -> Path:
+    for path in (room.colmap_text(folder) / "sparse" / "0").glob("*.txt"):
+        path.write_bytes(path.read_text().replace("\n", "\r\n").encode("utf-16"))
+    return folder
+
+
+def with_float_colors(text: str, scale: float) -> str:
+    rows = [line.split() for line in text.splitlines() if not line.startswith("#")]
+    return "\n".join(
+        " ".join([*row[:4], *(repr(int(c) * scale) for c in row[4:7]), *row[7:]]) for row in rows
+    )
+
+
+def same_colors(scene: Scene, room: FieldRoom) -> None:
+    order, own = (np.lexsort(p.positions.T.round(4)) for p in (scene.points, room.points))
+    np.testing.assert_allclose(scene.points.colors[order], room.points.colors[own], atol=1)
+
+
+@case(Reads(also=same_colors))
+def points3d_txt_with_colours_as_floats(room: FieldRoom, folder: Path) -> Path:
+    return edited(room, folder, "points3D", lambda text: with_float_colors(text, 1.0))
+
+
+@case(Reads(notes=("colours are taken as 0 to 1",), also=same_colors))
+def points3d_txt_with_colours_up_to_one(room: FieldRoom, folder: Path) -> Path:
+    return edited(room, folder, "points3D", lambda text: with_float_colors(text, 1 / 255))
+
+
+@case(Reads())
+def unused_camera_of_another_model_text(room: FieldRoom, folder: Path) -> Path:
+    return edited(room, folder, "cameras", lambda text: text + "77 FOV 96 72 80 80 48 36 0.9\n")
+
+
+def with_model(
+    room: FieldRoom, folder: Path, model: str, lens: Sequence[float] = (), *, unused: bool = False
+) -> Path:
+    """A COLMAP scene in binary form whose cameras, or a further one, are of another model."""
+    import pycolmap
+
+    sparse = room.colmap(folder) / "sparse" / "0"
+    reconstruction = pycolmap.Reconstruction(sparse)
+    any_camera = next(iter(reconstruction.cameras.values()))
+    if unused:
+        camera = pycolmap.Camera(
+            camera_id=99, model=model, width=96, height=72, params=[*any_camera.params, *lens]
+        )
+        reconstruction.add_camera_with_trivial_rig(camera)
+    for camera in reconstruction.cameras.values():
+        if not unused:
+            fx, fy, cx, cy = camera.params
+            camera.model = pycolmap.CameraModelId.__members__[model]
+            camera.params = [*((fx,) if model.startswith("SIMPLE") else (fx, fy)), cx, cy, *lens]
+    reconstruction.write_binary(sparse)
+    return folder
+
+
+@case(Reads())
+def unused_camera_of_another_model_binary(room: FieldRoom, folder: Path) -> Path:
+    return with_model(room, folder, "THIN_PRISM_FISHEYE", [0.1] * 8, unused=True)
+
+
+@case(Reads(also=has_lens(Distortion("fisheye", (0.0,) * 4))))
+def simple_fisheye(room: FieldRoom, folder: Path) -> Path:
+    return with_model(room, folder, "SIMPLE_FISHEYE")
+
+
+@case(Reads(also=has_lens(Distortion("brown5", (0.001, 0.002, 0.0, 0.0, 0.003)))))
+def metashape_colmap_with_k3(room: FieldRoom, folder: Path) -> Path:
+    return with_model(room, folder, "FULL_OPENCV", [0.001, 0.002, 0.0, 0.0, 0.003, 0.0, 0.0, 0.0])
+
+
+@case(Refuses(("cameras.bin", "FULL_OPENCV with k5 = 0.1 is not supported", "image_undistorter")))
+def full_opencv_with_k5(room: FieldRoom, folder: Path) -> Path:
+    return with_model(room, folder, "FULL_OPENCV", [0.001, 0.002, 0.0, 0.0, 0.003, 0.0, 0.1, 0.0])
+
+
+@case(Refuses(("cameras.bin", "THIN_PRISM_FISHEYE with p1 = 0.1 is not supported")))
+def thin_prism(room: FieldRoom, folder: Path) -> Path:
+    return with_model(room, folder, "THIN_PRISM_FISHEYE", [0.01, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+@case(Refuses(("points3D.bin", "ends too early", "copy the file again")))
+def colmap_binary_cut(room: FieldRoom, folder: Path) -> Path:
+    path = room.colmap(folder) / "sparse" / "0" / "points3D.bin"
+    path.write_bytes(path.read_bytes()[:-11])
+    return folder

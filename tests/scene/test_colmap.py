@@ -14,7 +14,9 @@ from corner import same_camera
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.camera import Distortion
 from diga3d_warp.scene.colmap import find_reconstruction, read_colmap, write_colmap
-from diga3d_warp.scene.colmap_files import MODELS, camera_from_model, read_points
+from diga3d_warp.scene.colmap_files import read_cameras, read_images, read_points
+from diga3d_warp.scene.colmap_models import MODELS, camera_from_model, parameter_count
+from diga3d_warp.scene.scene import Points
 
 # One set of parameters a model, and the same lens in our words.
 PARAMETERS = {
@@ -32,6 +34,27 @@ PARAMETERS = {
         210.0,
         ("fisheye", 0.1, 0.2, 0.3, 0.4),
     ),
+    "FULL_OPENCV": (
+        [200.0, 210.0, 119.0, 88.0, 0.05, -0.02, 1e-3, 2e-3, 0.3, 0.0, 0.0, 0.0],
+        210.0,
+        ("brown5", 0.05, -0.02, 1e-3, 2e-3, 0.3),
+    ),
+    "FOV": ([200.0, 210.0, 119.0, 88.0, 0.0], 210.0, None),
+    "THIN_PRISM_FISHEYE": (
+        [200.0, 210.0, 119.0, 88.0, 0.1, 0.2, 0.0, 0.0, 0.3, 0.4, 0.0, 0.0],
+        210.0,
+        ("fisheye", 0.1, 0.2, 0.3, 0.4),
+    ),
+    "RAD_TAN_THIN_PRISM_FISHEYE": (
+        [200.0, 210.0, 119.0, 88.0, 0.1, 0.2, 0.3, 0.4, *[0.0] * 8],
+        210.0,
+        ("fisheye", 0.1, 0.2, 0.3, 0.4),
+    ),
+    "SIMPLE_DIVISION": ([200.0, 119.0, 88.0, 0.0], 200.0, None),
+    "DIVISION": ([200.0, 210.0, 119.0, 88.0, 0.0], 210.0, None),
+    "SIMPLE_FISHEYE": ([200.0, 119.0, 88.0], 200.0, ("fisheye", 0, 0, 0, 0)),
+    "FISHEYE": ([200.0, 210.0, 119.0, 88.0], 210.0, ("fisheye", 0, 0, 0, 0)),
+    "EUCM": ([200.0, 210.0, 119.0, 88.0, 0.0, 1.5], 210.0, None),
     "SIMPLE_RADIAL_FISHEYE": ([200.0, 119.0, 88.0, 0.1], 200.0, ("fisheye", 0.1, 0, 0, 0)),
     "RADIAL_FISHEYE": ([200.0, 119.0, 88.0, 0.1, 0.2], 200.0, ("fisheye", 0.1, 0.2, 0, 0)),
 }
@@ -41,10 +64,10 @@ def project(camera, points: np.ndarray) -> np.ndarray:
     """Pixels of camera-space points, written from COLMAP's documentation, shape (P, 2)."""
     x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
     if camera.distortion is not None:
-        a, b, c, d = camera.distortion.coefficients
-        if camera.distortion.kind == "brown":
+        a, b, c, d, *more = camera.distortion.coefficients
+        if camera.distortion.kind != "fisheye":
             r2 = x**2 + y**2
-            radial = 1 + a * r2 + b * r2**2
+            radial = 1 + a * r2 + b * r2**2 + sum(more) * r2**3
             x, y = (
                 x * radial + 2 * c * x * y + d * (r2 + 2 * x**2),
                 y * radial + 2 * d * x * y + c * (r2 + 2 * y**2),
@@ -57,8 +80,14 @@ def project(camera, points: np.ndarray) -> np.ndarray:
     return np.stack([camera.fx * x + camera.cx, camera.fy * y + camera.cy], 1)
 
 
-def test_every_model_has_a_case():
-    assert set(PARAMETERS) == set(MODELS)
+def test_models_are_those_of_pycolmap():
+    theirs = {}
+    for name, model in pycolmap.CameraModelId.__members__.items():
+        if name != "INVALID":
+            count = len(pycolmap.Camera.create_from_model_name(1, name, 100.0, 20, 10).params)
+            theirs[name] = (int(model.value if hasattr(model, "value") else model), count)
+    assert theirs == {name: (number, parameter_count(name)) for name, (number, _) in MODELS.items()}
+    assert {*PARAMETERS, "EQUIRECTANGULAR"} == set(MODELS)
 
 
 @pytest.mark.parametrize("model", PARAMETERS)
@@ -92,7 +121,15 @@ def test_camera_models_agree_with_pycolmap(tmp_path, corner, model, form):
     assert (capture.points.colors == [1, 2, 3]).all()
 
 
-@pytest.mark.parametrize("lens", [None, ("brown", 0.1, 0.2, 0.01, 0.02), ("fisheye", 0.1, 0.2, 0.3, 0.4)])
+@pytest.mark.parametrize(
+    "lens",
+    [
+        None,
+        ("brown", 0.1, 0.2, 0.01, 0.02),
+        ("brown5", 0.1, 0.2, 0.01, 0.02, 0.3),
+        ("fisheye", 0.1, 0.2, 0.3, 0.4),
+    ],
+)
 def test_what_is_written_is_read_back(tmp_path, corner, lens):
     distortion = Distortion(lens[0], lens[1:]) if lens else None
     cameras = {name: replace(camera, distortion=distortion) for name, camera in corner.cameras.items()}
@@ -129,6 +166,40 @@ def test_damaged_binary_files_are_named(colmap_scene: Path, stem, damage):
     assert "\n" not in str(caught.value)
 
 
+def write_small(folder: Path, corner) -> None:
+    """Two images and three points."""
+    points = Points(corner.points.positions[:3], corner.points.colors[:3])
+    write_colmap(folder, dict(list(corner.cameras.items())[:2]), points)
+
+
+@pytest.mark.parametrize("stem", ["cameras", "images", "points3D"])
+def test_a_binary_file_cut_anywhere_is_refused(tmp_path, corner, stem):
+    write_small(tmp_path, corner)
+    path = tmp_path / "sparse" / "0" / f"{stem}.bin"
+    data = path.read_bytes()
+    read = {"cameras": read_cameras, "images": read_images, "points3D": read_points}[stem]
+    read(path)
+    for length in range(len(data)):
+        path.write_bytes(data[:length])
+        with pytest.raises(InputError, match=rf"{stem}\.bin: .*; copy the file again or rerun COLMAP"):
+            read(path)
+
+
+@pytest.mark.parametrize("stem", ["cameras", "images", "points3D"])
+def test_a_binary_file_with_a_bit_changed_anywhere_is_read_or_refused(tmp_path, corner, stem):
+    write_small(tmp_path, corner)
+    sparse = tmp_path / "sparse" / "0"
+    data = (sparse / f"{stem}.bin").read_bytes()
+    for place in range(len(data)):
+        damaged = bytearray(data)
+        damaged[place] ^= 1 << (7 - place % 8)
+        (sparse / f"{stem}.bin").write_bytes(damaged)
+        try:
+            read_colmap(tmp_path, sparse)
+        except InputError as error:
+            assert "\n" not in str(error) and str(error).encode()
+
+
 @pytest.mark.parametrize("stem", ["cameras", "images", "points3D"])
 @pytest.mark.parametrize("content", ["1 what", "\u00e4 \u00f6 \u00fc", b"\xff\xfe\x00junk"])
 def test_damaged_text_files_are_named(colmap_scene: Path, stem, content):
@@ -142,16 +213,56 @@ def test_damaged_text_files_are_named(colmap_scene: Path, stem, content):
         read_colmap(colmap_scene, sparse)
 
 
+BENDING = {
+    "FULL_OPENCV": "k5",
+    "FOV": "omega",
+    "THIN_PRISM_FISHEYE": "sy1",
+    "RAD_TAN_THIN_PRISM_FISHEYE": "s4",
+    "SIMPLE_DIVISION": "k",
+    "DIVISION": "k",
+    "EUCM": "alpha",
+    "EQUIRECTANGULAR": "",
+}
+"""A parameter of each model that is not followed."""
+
+
+@pytest.mark.parametrize("model", BENDING)
 @pytest.mark.parametrize("form", ["bin", "txt"])
-def test_unsupported_models_are_named(tmp_path, form):
+def test_unsupported_lenses_are_named_unless_no_image_uses_them(tmp_path, form, model):
     reconstruction = pycolmap.Reconstruction()
-    camera = pycolmap.Camera(camera_id=1, model="FULL_OPENCV", width=9, height=9, params=[1.0] * 12)
-    reconstruction.add_camera_with_trivial_rig(camera)
-    image = pycolmap.Image(name="a.jpg", camera_id=1, image_id=1)
-    reconstruction.add_image_with_trivial_frame(image, pycolmap.Rigid3d())
+    bent = pycolmap.Camera.create_from_model_name(1, model, 9.0, 9, 9)
+    if name := BENDING[model]:
+        names = MODELS[model][1].split()
+        bent.params = [bent.params[i] if n in ("f", "fx", "fy", "cx", "cy") else 0.25 * (n == name)
+                       for i, n in enumerate(names)]  # fmt: skip
+    for number, camera in ((1, bent), (2, pycolmap.Camera.create_from_model_name(2, "PINHOLE", 9.0, 9, 9))):
+        reconstruction.add_camera_with_trivial_rig(camera)
+        image = pycolmap.Image(name=f"{number}.jpg", camera_id=number, image_id=number)
+        reconstruction.add_image_with_trivial_frame(image, pycolmap.Rigid3d())
     reconstruction.write_binary(tmp_path) if form == "bin" else reconstruction.write_text(tmp_path)
-    with pytest.raises(InputError, match=r"FULL_OPENCV is not supported; undistort"):
+    said = (
+        f"{model} with {name} = 0.25 is not supported; undistort"
+        if name
+        else f"{model} is not supported; cut"
+    )
+    with pytest.raises(InputError, match=rf"cameras\.{form}: camera 1: camera model {said}"):
         read_colmap(tmp_path, tmp_path)
+    assert list(read_cameras(tmp_path / f"cameras.{form}", {2})) == [2]
+
+
+def test_an_unknown_model_in_text_is_named_unless_no_image_uses_it(tmp_path):
+    path = tmp_path / "cameras.txt"
+    path.write_text("1 PINHOLE 9 9 9 9 4.5 4.5\n2 SPIRAL 9 9 1 2 3\n")
+    assert list(read_cameras(path, {1})) == [1]
+    with pytest.raises(InputError, match="camera 2: camera model SPIRAL is not known; undistort"):
+        read_cameras(path)
+
+
+def test_a_camera_that_is_there_twice(tmp_path):
+    path = tmp_path / "cameras.txt"
+    path.write_text("1 PINHOLE 9 9 9 9 4.5 4.5\n1 PINHOLE 9 9 8 8 4.5 4.5\n")
+    with pytest.raises(InputError, match=r"cameras\.txt: it holds camera 1 twice"):
+        read_cameras(path)
 
 
 def test_wrong_count_of_parameters():
@@ -179,4 +290,5 @@ def test_points_that_are_not_finite_are_left_out(tmp_path, corner):
     positions = corner.points.positions.copy()
     positions[3, 1] = np.nan
     write_colmap(tmp_path, corner.cameras, replace(corner.points, positions=positions))
-    assert len(read_points(tmp_path / "sparse/0/points3D.bin")) == len(positions) - 1
+    points, notes = read_points(tmp_path / "sparse/0/points3D.bin")
+    assert len(points) == len(positions) - 1 and "left out 1 points" in notes[0]

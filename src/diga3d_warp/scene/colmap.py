@@ -44,19 +44,23 @@ def read_colmap(root: Path, reconstruction: Path) -> Capture:
     cameras_file, images_file = find_file(reconstruction, "cameras"), find_file(reconstruction, "images")
     if cameras_file is None or images_file is None:
         raise InputError(f"{reconstruction}: the cameras or images file is missing; rerun COLMAP")
-    cameras = read_cameras(cameras_file)
+    images = read_images(images_file)
+    cameras = read_cameras(cameras_file, {number for _, number, _ in images})
     shots = []
-    for name, (number, pose) in read_images(images_file).items():
+    for name, number, pose in images:
         if number not in cameras:
             raise InputError(
-                f"{images_file}: {name} was taken with camera {number}, which {cameras_file.name} lacks; "
+                f"{images_file}: {name!r} was taken with camera {number}, which {cameras_file.name} lacks; "
                 "use the files of one COLMAP run"
             )
         key = image_key(inside(root, name, images_file))
-        shots.append(Shot(key, cameras[number].with_pose(pose)))
+        try:
+            shots.append(Shot(key, cameras[number].with_pose(pose)))
+        except InputError as error:
+            raise InputError(f"{images_file}: {name!r}: {error}") from None
     points_file = find_file(reconstruction, "points3D")
-    points = read_points(points_file) if points_file else None
-    return Capture("colmap", shots, image_folders(root), points)
+    points, notes = read_points(points_file) if points_file else (None, [])
+    return Capture("colmap", shots, image_folders(root), points, notes)
 
 
 def colmap_lens(camera: Camera) -> tuple[str, list[float]]:

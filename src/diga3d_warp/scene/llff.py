@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -11,37 +12,49 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.capture import Capture, Shot, image_files, image_folders
 from diga3d_warp.scene.colmap_files import find_file, read_cameras, read_points
+from diga3d_warp.scene.poses import world_to_camera
 
 
 def _rows(path: Path) -> np.ndarray:
     try:
-        rows = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise InputError(f"{path}: not readable as a NumPy array ({error}); write it again") from None
-    numeric = isinstance(rows, np.ndarray) and np.issubdtype(rows.dtype, np.number)
-    if not numeric or rows.ndim != 2 or rows.shape[1] != 17:
+        # Mapped, a header that announces more than the file holds is refused before memory is asked for.
+        rows = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (ValueError, OSError, EOFError, OverflowError, zipfile.BadZipFile):
+        raise InputError(f"{path}: not readable as a NumPy array; write it again") from None
+    if (
+        not isinstance(rows, np.ndarray)
+        or rows.dtype.kind not in "fiu"
+        or rows.ndim != 2
+        or rows.shape[1] != 17
+    ):
         raise InputError(f"{path}: expected one row of 17 numbers per image; run LLFF's imgs2poses again")
-    return rows.astype(np.float64)
+    return np.array(rows, np.float64)
 
 
-def _world_to_camera(pose: np.ndarray) -> np.ndarray:
-    """From LLFF's camera-to-world columns (down, right, backwards, centre), shape (3, 4)."""
-    down, right, backwards, center = pose.T
-    rotation = np.stack([right, down, -backwards])
-    world_to_camera = np.eye(4)
-    world_to_camera[:3, :3] = rotation
-    world_to_camera[:3, 3] = -rotation @ center
-    return world_to_camera
+def _camera(row: np.ndarray, lens: Camera | None) -> Camera:
+    """The camera of a row; its pose has the columns down, right, backwards, centre."""
+    matrix = row[:15].reshape(3, 5)
+    (down, right, backwards, center), (height, width, focal) = matrix[:, :4].T, matrix[:, 4].tolist()
+    if not (np.isfinite(row).all() and min(height, width, focal) > 0):
+        raise InputError("it is not a camera")
+    pose = world_to_camera(np.stack([right, down, -backwards], axis=1), center)
+    own = lens or Camera(round(width), round(height), focal, focal, width / 2, height / 2, torch.eye(4))
+    return own.with_pose(pose)
 
 
-def _shared_lens(sparse: Path) -> Camera | None:
+def _shared_lens(sparse: Path) -> tuple[Camera | None, list[str]]:
     """The one camera of sparse/0, with its distortion; None where there are none or several.
 
     Without the images file nothing tells which of several cameras took an image.
     """
     cameras_file = find_file(sparse, "cameras")
     cameras = list(read_cameras(cameras_file).values()) if cameras_file else []
-    return cameras[0] if len(cameras) == 1 else None
+    if len(cameras) == 1:
+        return cameras[0], []
+    bent = any(camera.distortion for camera in cameras)
+    return None, [
+        f"{cameras_file}: of several cameras the lens is not used: no images file says whose"
+    ] * bent
 
 
 def read_llff(root: Path) -> Capture:
@@ -66,15 +79,13 @@ def read_llff(root: Path) -> Capture:
             "order, so restore the missing images"
         )
     sparse = root / "sparse" / "0"
-    lens = _shared_lens(sparse)
+    lens, notes = _shared_lens(sparse)
     shots = []
     for key, row in zip(complete, rows, strict=True):
-        matrix = row[:15].reshape(3, 5)
-        height, width, focal = matrix[:, 4].tolist()
-        if not (np.isfinite(row).all() and min(height, width, focal) > 0):
-            raise InputError(f"{path}: the row of {key} is not a camera; run LLFF's imgs2poses again")
-        own = lens or Camera(round(width), round(height), focal, focal, width / 2, height / 2, torch.eye(4))
-        shots.append(Shot(key, own.with_pose(_world_to_camera(matrix[:, :4]))))
+        try:
+            shots.append(Shot(key, _camera(row, lens)))
+        except InputError as error:
+            raise InputError(f"{path}: the row of {key}: {error}; run LLFF's imgs2poses again") from None
     points_file = find_file(sparse, "points3D")
-    points = read_points(points_file) if points_file else None
-    return Capture("llff", shots, folders, points)
+    points, said = read_points(points_file) if points_file else (None, [])
+    return Capture("llff", shots, folders, points, [*notes, *said])

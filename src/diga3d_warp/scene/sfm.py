@@ -15,7 +15,7 @@ import numpy as np
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.colmap import posed_reconstruction
-from diga3d_warp.scene.colmap_files import camera_from_model
+from diga3d_warp.scene.colmap_models import camera_from_model
 from diga3d_warp.scene.images import resize_image
 from diga3d_warp.scene.scene import Points
 
