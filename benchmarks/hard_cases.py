@@ -190,7 +190,7 @@ CASES = (
             Guard(FOOTPRINT, "seen & within(vec3(q[0], q[1], q[2]), coordinate_max)", "seen", POISON),
             term(FOOTPRINT, "wp.abs(q[3]) < coordinate_max", POISON),
             term(FOOTPRINT, "logit > logit_min", POISON),
-            Guard(PROJECTION, "wp.where(shown, d_pose[0, 0], zero)", "d_pose[0, 0]", POISON),
+            Guard(PROJECTION, "wp.where(visible, d_pose[0, 0], zero)", "d_pose[0, 0]", POISON),
             Guard(HARMONICS, " & wp.where(magnitude(table, t) < color_max, 1, 0)", "", POISON),
             Guard(HARMONICS, "wp.where(seen, mean[0, t] - eye[0], zero)", "mean[0, t] - eye[0]", POISON),
             Guard("scene/camera.py", "if not bool((pose.abs() < SPLATTING.coordinate_max).all()):",
@@ -314,8 +314,8 @@ CASES = (
         (
             Guard(DEALING, "emission = int(read_int(first, i))", "emission = int(read_int(first, 0))",
                 "kernels/test_binning.py"),
-            Guard(TILES, "high = wp.clamp(center + extent - 0.5, -PIXEL_LIMIT, PIXEL_LIMIT)",
-                "high = center + extent - 0.5",
+            Guard(TILES, "high = wp.clamp(center + extent - half, -limit, limit)",
+                "high = center + extent - half",
                 "kernels/test_binning.py::test_every_tile_lists_its_gaussians_by_depth_then_index"),
         ),
     ),
@@ -367,10 +367,24 @@ CASES = (
         ),
     ),
     HardCase(
+        "Outside the image",
+        "Culled, as behind the camera, by the function that counts and lists the tiles of a gaussian: no "
+        "pixel and no gradient changes by a bit. One that no view of a fit shows for two rounds of all "
+        "images is moved to where images pull.",
+        (
+            term(PROJECTION, "end_tile(x, half_width, left, width) > left",
+                "kernels/test_projection.py::test_a_gaussian_is_visible_exactly_if_a_tile_lists_it"),
+            term(PROJECTION, "end_tile(y, half_height, top, height) > top",
+                "kernels/test_projection.py::test_a_gaussian_is_visible_exactly_if_a_tile_lists_it"),
+            Guard(TILES, " & wp.where(center - extent <= real(size), 1, 0)", "",
+                "kernels/test_binning.py::test_every_tile_lists_its_gaussians_by_depth_then_index"),
+        ),
+    ),
+    HardCase(
         "Culled rows",
         "Exact zeros in every output and gradient; whatever the coefficients of their colours hold.",
         (
-            Guard(PROJECTION, "wp.where(shown, x, zero)", "x",
+            Guard(PROJECTION, "wp.where(visible, x, zero)", "x",
                 "kernels/test_projection.py::test_culled_rows_are_exact_zeros_with_zero_gradient"),
             Guard(HARMONICS, "wp.where(extent[0, t] > zero, 1, 0) & ", "",
                 "kernels/test_harmonics.py::test_culled_gaussians_are_black_whatever_their_coefficients_hold"),

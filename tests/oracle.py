@@ -41,6 +41,13 @@ class Splats:
         inverse = torch.linalg.inv(self.covariances)
         return torch.stack([inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 1]], -1)
 
+    def meets(self, camera: Camera, slack: float, alpha_min: float = ALPHA_MIN) -> torch.Tensor:
+        """Which boxes, wider by `slack` px on each side, hold a pixel centre's row and column, shape (N,)."""
+        reach = (2 * torch.log(self.opacities / alpha_min)).clamp_min(0).sqrt()
+        half = reach[:, None] * self.covariances.diagonal(dim1=1, dim2=2).sqrt() + slack
+        size = self.centers.new_tensor([camera.width, camera.height])
+        return ((self.centers + half >= 0.5) & (self.centers - half <= size - 0.5)).all(1)
+
 
 @dataclass(frozen=True)
 class Image:

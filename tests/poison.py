@@ -66,7 +66,7 @@ def check(
         assert image.isfinite().all(), name
     assert out.color.min() >= 0 and out.color.max() <= SPLATTING.color_max
     assert out.alpha.min() >= 0 and out.alpha.max() <= 1
-    culled = out.projection.extents[:, 0] == 0
+    culled = ~out.projection.visible
     for name, part in out.projection._asdict().items():
         if part is None:
             continue

@@ -11,6 +11,7 @@ from diga3d_warp.gaussians.optimiser import GaussianAdam, LearningRates
 from scenes import random_gaussians, single
 
 SETTINGS = DensitySettings()
+SEEN = torch.zeros(40, dtype=torch.bool)
 
 
 def adam(gaussians) -> GaussianAdam:
@@ -57,7 +58,7 @@ def sources_of(sh: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
 def test_faded_gaussians_move_onto_visible_ones():
     start = faded()
     optimiser = adam(start)
-    assert relocate_and_grow(optimiser, 40, even(40), SETTINGS, generator()) == 8
+    assert relocate_and_grow(optimiser, 40, even(40), SEEN, SETTINGS, generator()).tolist() == list(range(8))
     after = optimiser.gaussians().detached()
     assert len(after) == 40
     assert (after.opacities > SETTINGS.dead_opacity).all()
@@ -75,10 +76,20 @@ def test_faded_gaussians_move_onto_visible_ones():
         torch.testing.assert_close(now[untouched], then[untouched], rtol=0, atol=0, msg=name)
 
 
+def test_gaussians_that_no_image_shows_move_and_nothing_moves_onto_them():
+    start = faded(dead=0)
+    unseen = torch.arange(40) < 15
+    optimiser = adam(start)
+    rows = relocate_and_grow(optimiser, 70, even(40), unseen, SETTINGS, generator())
+    assert rows.tolist() == [*range(15), *range(40, 70)]
+    assert sources_of(optimiser.gaussians().sh[rows], start.sh[15:]).any(dim=1).all()
+
+
 @pytest.mark.parametrize("wanted", [40, 41, 70, 300])
 def test_the_wanted_number_is_reached(wanted):
     optimiser = adam(faded())
-    assert relocate_and_grow(optimiser, wanted, even(40), SETTINGS, generator()) == 8 + wanted - 40
+    rows = relocate_and_grow(optimiser, wanted, even(40), SEEN, SETTINGS, generator())
+    assert rows.tolist() == [*range(8), *range(40, wanted)]
     gaussians = optimiser.gaussians().detached()
     assert len(gaussians) == wanted
     for name, tensor in gaussians.named():
@@ -87,14 +98,14 @@ def test_the_wanted_number_is_reached(wanted):
 
 def test_gaussians_are_never_removed():
     optimiser = adam(faded(dead=0))
-    assert relocate_and_grow(optimiser, 5, even(40), SETTINGS, generator()) == 0
+    assert len(relocate_and_grow(optimiser, 5, even(40), SEEN, SETTINGS, generator())) == 0
     assert len(optimiser.gaussians()) == 40
 
 
 def test_where_all_have_faded_nothing_moves():
     start = faded(dead=40)
     optimiser = adam(start)
-    assert relocate_and_grow(optimiser, 60, even(40), SETTINGS, generator()) == 0
+    assert len(relocate_and_grow(optimiser, 60, even(40), SEEN, SETTINGS, generator())) == 0
     torch.testing.assert_close(optimiser.gaussians().means, start.means)
 
 
@@ -103,7 +114,8 @@ def test_held_gaussians_are_neither_moved_nor_chosen():
     held = torch.zeros(40, dtype=torch.bool)
     held[4:30] = True  # four that have faded, and most of the visible ones
     optimiser = adam(start)
-    assert relocate_and_grow(optimiser, 90, even(40), SETTINGS, generator(), held) == 4 + 50
+    rows = relocate_and_grow(optimiser, 90, even(40), SEEN, SETTINGS, generator(), held)
+    assert rows.tolist() == [*range(4), *range(40, 90)]
     after = optimiser.gaussians().detached()
     for (name, now), (_, then) in zip(after.named(), start.named(), strict=True):
         torch.testing.assert_close(now[:40][held], then[held], rtol=0, atol=0, msg=name)
@@ -114,7 +126,7 @@ def test_held_gaussians_are_neither_moved_nor_chosen():
 def test_gaussians_that_are_pulled_harder_are_chosen_more_often():
     gaussians = random_gaussians(2, seed=1)
     optimiser = adam(gaussians)
-    relocate_and_grow(optimiser, 1002, torch.tensor([0.9, 0.1]), SETTINGS, generator())
+    relocate_and_grow(optimiser, 1002, torch.tensor([0.9, 0.1]), SEEN[:2], SETTINGS, generator())
     share = sources_of(optimiser.gaussians().sh[2:], gaussians.sh)[:, 0].float().mean().item()
     assert 0.87 < share < 0.93
 
@@ -123,7 +135,7 @@ def test_the_same_generator_makes_the_same_choices():
     results = []
     for seed in (3, 3, 4):
         optimiser = adam(faded())
-        relocate_and_grow(optimiser, 80, even(40), SETTINGS, generator(seed))
+        relocate_and_grow(optimiser, 80, even(40), SEEN, SETTINGS, generator(seed))
         results.append(optimiser.gaussians().detached().means)
     assert torch.equal(results[0], results[1])
     assert not torch.equal(results[0], results[2])

@@ -289,3 +289,49 @@ def test_a_guide_is_not_asked_about_coarse_images(start, targets):
 
     guided = [replace(target, guide=guide) for target in targets]
     fit(start, guided, 1.0, replace(SETTINGS, iterations=10, coarse_part=0.5))
+
+
+@pytest.fixture(scope="module")
+def with_outsiders(start) -> Gaussians:
+    """The start, and ten gaussians more that lie before some of the cameras but in no image."""
+    outsiders = random_gaussians(10, degree=1)
+    outsiders.means += torch.tensor([0.0, 0.0, -20.0])
+    both = start.joined(outsiders)
+    shown = torch.zeros(50)
+    ahead = torch.zeros(50)
+    for camera in cameras():
+        shown += render(both, camera).projection.visible
+        ahead += (both.means @ camera.world_to_camera[2, :3].float() + camera.world_to_camera[2, 3]) > 0.1
+    assert (shown[:40] > 0).sum() > 35 and not shown[40:].any() and ahead[40:].any()
+    return both
+
+
+def test_what_no_image_shows_keeps_its_bits(with_outsiders, targets):
+    still = replace(SETTINGS, iterations=20, density=DensitySettings(begin=2.0, end=0.0))
+    result = fit(with_outsiders, targets, 1.0, still).gaussians
+    for (name, now), (_, then) in zip(result.named(), with_outsiders.named(), strict=True):
+        assert torch.equal(now[40:], then[40:]), name
+        assert not torch.equal(now[:40], then[:40]), name
+
+
+@pytest.mark.parametrize("held_too", [False, True])
+def test_what_no_image_ever_shows_is_moved_to_where_images_pull(with_outsiders, targets, held_too):
+    """Regularisers do not reach it, and so it would never fade; held rows stay where they are."""
+    settings = replace(SETTINGS, budget=50)
+    held = torch.arange(50) >= (45 if held_too else 50)
+    result = fit(with_outsiders, targets, 1.0, settings, held=held).gaussians
+    assert len(result) == 50
+    assert (result.means[40:][~held[40:]].norm(dim=1) < 5.0).all()
+    assert torch.equal(result.means[held], with_outsiders.means[held])
+    visible = torch.stack([render(result, camera).projection.visible for camera in cameras()]).any(dim=0)
+    assert visible[~held].all()
+
+
+def test_no_gaussian_counts_as_unseen_before_every_image_had_its_turn(start, targets):
+    fitting_ = fitting._Fit(start, targets, 1.0, SETTINGS, 0, None)
+    fitting_.last_shown[:] = 0
+    for iteration in (0, 5, 11):
+        fitting_.iteration = iteration
+        assert not fitting_._unseen().any()
+    fitting_.iteration = 12
+    assert fitting_._unseen().all()

@@ -21,7 +21,7 @@ def pulled(seed: int = 0) -> GaussianAdam:
     return optimiser
 
 
-def pull(optimiser: GaussianAdam, k: int, held=None, shown=None) -> None:
+def pull(optimiser: GaussianAdam, k: int, held=None, visible=None) -> None:
     """A step on a loss whose gradient differs in every entry and step."""
     random = torch.Generator().manual_seed(100 + k)
     loss = sum(
@@ -29,7 +29,7 @@ def pull(optimiser: GaussianAdam, k: int, held=None, shown=None) -> None:
         for _, tensor in optimiser.gaussians().named()
     )
     loss.backward()
-    optimiser.step(k / 10, held, shown)
+    optimiser.step(k / 10, held, visible)
 
 
 def moments(optimiser: GaussianAdam) -> dict[tuple[str, int], torch.Tensor]:
@@ -177,13 +177,13 @@ def test_steps_are_those_of_torch():
         assert (error < 1e-5 * expected.abs().max() + rounding).all(), name
 
 
-def test_rows_that_were_not_shown_keep_value_and_moments():
+def test_rows_that_are_not_visible_keep_value_and_moments():
     optimiser = pulled()
     before, moments_before = values(optimiser), moments(optimiser)
-    shown = torch.arange(COUNT) % 3 == 0
+    visible = torch.arange(COUNT) % 3 == 0
     held = torch.arange(COUNT) == 3
-    moving = shown & ~held
-    pull(optimiser, 4, held, shown)
+    moving = visible & ~held
+    pull(optimiser, 4, held, visible)
     for name, tensor in values(optimiser).items():
         torch.testing.assert_close(tensor[~moving], before[name][~moving], rtol=0, atol=0)
         assert (tensor[moving] != before[name][moving]).all(), name
@@ -198,7 +198,7 @@ def test_bits_do_not_depend_on_the_number_of_threads(threads):
         threads(count)
         optimiser = GaussianAdam(random_gaussians(5000), LearningRates(), extent=1.0)
         for k in range(2):
-            pull(optimiser, k, shown=torch.arange(5000) % 5 != 0)
+            pull(optimiser, k, visible=torch.arange(5000) % 5 != 0)
         results.append(values(optimiser))
     for other in results[1:]:
         same(other, results[0])

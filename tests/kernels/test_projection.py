@@ -1,19 +1,23 @@
 """EWA projection against the plain float64 renderer."""
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
 import oracle
-from diga3d_warp.config import POSE_GROUP, Accuracy
+from diga3d_warp.config import POSE_GROUP, Accuracy, Effects
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.splatting.composite import bin_projection
 from diga3d_warp.splatting.normals import orient
 from diga3d_warp.splatting.optics import optics_of
 from diga3d_warp.splatting.project import Projection, project
+from poison import images, rendered
 from scenes import LENSES, camera_at, random_gaussians
 
-COUNT = 300
+COUNT = 400
 
 
 def wide_scene(count: int = COUNT):
@@ -59,12 +63,14 @@ def test_values_agree_with_float64(lens, device):
     gaussians, camera = wide_scene(), camera_at(lens)
     found, _ = projected(gaussians, camera, device)
     splats, _ = expected(gaussians, camera)
-    drawn = found.extents[:, 0].cpu() > 0
-    assert torch.equal(drawn, splats.drawn & inside_lens(gaussians, camera))
-    assert COUNT // 3 < drawn.sum() < COUNT  # some are behind the camera
+    visible = found.visible.cpu()
+    drawn = splats.drawn & inside_lens(gaussians, camera)
+    assert (visible >= (drawn & splats.meets(camera, -0.01))).all()
+    assert (visible <= (drawn & splats.meets(camera, 0.51))).all()  # to the outer edge of the border's pixels
+    assert COUNT // 5 < visible.sum() < drawn.sum() - COUNT // 5 < COUNT  # some are behind the camera, too
 
     def agree(values, reference, rtol):
-        torch.testing.assert_close(values.cpu().double()[drawn], reference[drawn], rtol=rtol, atol=1e-4)
+        torch.testing.assert_close(values.cpu().double()[visible], reference[visible], rtol=rtol, atol=1e-4)
 
     agree(found.centers, splats.centers, 1e-4)  # far-off rays go through a fifth power of themselves
     agree(found.depths, splats.depths, 1e-5)
@@ -80,8 +86,8 @@ def test_gradients_agree_with_float64(lens, device):
     found, leaves = projected(gaussians, camera, device)
     splats, references = expected(gaussians, camera)
     # Next to the camera plane numbers grow without bound; they would hide all others.
-    tame = splats.drawn & inside_lens(gaussians, camera) & (splats.depths > 0.5)
-    assert tame.sum() > COUNT // 3
+    tame = found.visible.cpu() & (splats.depths > 0.5)
+    assert tame.sum() > COUNT // 6
     random = torch.Generator().manual_seed(2)
     shapes = [(COUNT, 2), (COUNT,), (COUNT, 3), (COUNT,)]
     weights = [
@@ -98,13 +104,13 @@ def test_gradients_agree_with_float64(lens, device):
 
 def test_the_jacobian_is_followed_no_further_than_the_margin():
     gaussians, camera = wide_scene(), camera_at()
-    splats, _ = expected(gaussians, camera)
+    gaussians.log_scales += 1.0  # so that some reach into the image from beyond
     low, high = oracle.field_of_view(camera)
     p = gaussians.means.double() @ camera.world_to_camera[:3, :3].T + camera.world_to_camera[:3, 3]
     ray = p[:, :2] / p[:, 2:]
-    outside = splats.drawn & ((ray < low) | (ray > high)).any(1)
-    assert outside.sum() > 20  # the comparisons above went through the clamp
     found, _ = projected(gaussians, camera)
+    outside = found.visible & ((ray < low) | (ray > high)).any(1)
+    assert outside.sum() > 10  # the comparisons above went through the clamp
     # The same focal lengths in a larger image: its margin lies far out.
     free = Camera(6400, 4800, camera.fx, camera.fy, 3200.0, 2400.0, camera.world_to_camera)
     unclamped, _ = projected(gaussians, free)
@@ -115,8 +121,9 @@ def test_the_jacobian_is_followed_no_further_than_the_margin():
 def test_culled_rows_are_exact_zeros_with_zero_gradient(lens):
     gaussians, camera = wide_scene(), camera_at(lens)
     found, leaves = projected(gaussians, camera)
-    culled = found.extents[:, 0] == 0
-    assert culled.sum() > 10
+    culled = ~found.visible
+    ahead = culled & expected(gaussians, camera)[0].drawn & inside_lens(gaussians, camera)
+    assert COUNT // 5 < ahead.sum() < culled.sum() < COUNT, "outside the image, and behind the camera"
     for part in found[:5]:
         assert torch.equal(part[culled], torch.zeros_like(part[culled]))
     shapes = [found.centers.shape, found.depths.shape, found.roots.shape, found.opacities.shape]
@@ -125,6 +132,38 @@ def test_culled_rows_are_exact_zeros_with_zero_gradient(lens):
         if name not in ("pose", "intrinsics"):
             assert torch.equal(leaf.grad[culled], torch.zeros_like(leaf.grad[culled]))
             assert (leaf.grad[~culled] != 0).any()
+
+
+@pytest.mark.parametrize("size", [(64, 48), (37, 29), (1, 1)])
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_a_gaussian_is_visible_exactly_if_a_tile_lists_it(precision, size):
+    """Both sides of the border of images whose last tiles reach beyond it."""
+    gaussians, camera = wide_scene(3000), camera_at("none", *size)
+    gaussians.log_scales -= 2.0
+    accuracy = Accuracy(precision=precision)
+    found, _ = projected(gaussians, camera, accuracy=accuracy)
+    bins = bin_projection(found, *size, getattr(torch, precision))
+    listed = torch.from_numpy(np.diff(bins.first.numpy()) > 0)
+    assert torch.equal(listed, found.visible)
+    assert 0 < listed.sum() < 2500
+
+
+@pytest.mark.parametrize("effects", [Effects(), Effects(pixel_order=True)], ids=["3DGS", "pixel order"])
+@pytest.mark.parametrize("extent", ["ellipse", "circle"])
+def test_culling_against_the_image_changes_no_bit(effects, extent, monkeypatch):
+    """Compared with a projection that takes the image for a very large one."""
+    gaussians, camera, accuracy = wide_scene(2000), camera_at("none", 37, 29), Accuracy(extent=extent)
+    gaussians.log_scales += 2.0 * torch.randn(2000, 3, generator=torch.Generator().manual_seed(3))
+    out, leaves = rendered(gaussians, camera, effects, accuracy)
+    optics = replace(optics_of(camera), width=10**6, height=10**6)
+    monkeypatch.setattr("diga3d_warp.splatting.project.optics_of", lambda _: optics)
+    whole, others = rendered(gaussians, camera, effects, accuracy)
+    assert whole.projection.visible.sum() > out.projection.visible.sum() + 100
+    assert out.alpha.mean() > 0.3
+    for (name, image), (_, other) in zip(images(out), images(whole), strict=True):
+        assert torch.equal(image, other), name
+    for name, leaf in leaves.items():
+        assert leaf.grad is others[name].grad is None or torch.equal(leaf.grad, others[name].grad), name
 
 
 @pytest.mark.parametrize("footprint", ["affine", "unscented"])

@@ -47,14 +47,15 @@ def test_values_and_gradients_agree_in_float64(footprint, lens):
     leaves, camera = scene(150, lens)
     found = projected(leaves, camera, replace(DOUBLE, footprint=footprint), SHARP)
     splats = expected(leaves, camera, footprint=footprint, antialias=True)
-    drawn = found.extents[:, 0] > 0
     rays = oracle.rays(leaves["means"], leaves["pose"])
-    assert torch.equal(drawn, splats.drawn & (rays.norm(dim=1) < optics_of(camera).radius_max))
-    assert 50 < drawn.sum() < 150
+    drawn = splats.drawn & (rays.norm(dim=1) < optics_of(camera).radius_max)
+    assert (found.visible >= (drawn & splats.meets(camera, -1e-6))).all()
+    assert (found.visible <= (drawn & splats.meets(camera, 0.5 + 1e-6))).all()
+    assert 50 < found.visible.sum() < drawn.sum() < 150
 
     parts = [found.centers, found.depths, oracle.conics(found.roots), found.opacities, found.depth_slopes]
     truths = [splats.centers, splats.depths, splats.conics, splats.opacities, splats.slopes]
-    tame = drawn & (splats.depths > 0.3)  # numbers grow without bound next to the camera plane
+    tame = found.visible & (splats.depths > 0.3)  # numbers grow without bound next to the camera plane
     for part, truth in zip(parts, truths, strict=True):
         assert part.dtype == torch.float64
         torch.testing.assert_close(part[tame], truth[tame], rtol=1e-7, atol=1e-7)
@@ -77,7 +78,7 @@ def test_side_by_side_in_float32_is_one_by_one_in_float64(footprint, lens, extra
         leaves, camera = scene(150, lens)
         accuracy = Accuracy(footprint=footprint, precision=precision, pixel_order=extras)
         splats = projected(leaves, camera, accuracy, Effects(antialias=extras))
-        tame = (splats.extents[:, 0] > 0) & (splats.depths > 0.3)
+        tame = splats.visible & (splats.depths > 0.3)
         parts = [part.double()[tame] for part in splats if part is not None]
         sums.append(parts)
         weights = torch.Generator().manual_seed(3)
@@ -102,7 +103,7 @@ def test_gradcheck(footprint, lens):
     leaves, camera = scene(40, lens)
     accuracy, effects = replace(DOUBLE, footprint=footprint), SHARP
     found = projected(leaves, camera, accuracy, effects)
-    inside = (found.extents[:, 0] > 0) & (found.opacities > 0.1) & (found.depths > 1.0)
+    inside = found.visible & (found.opacities > 0.1) & (found.depths > 1.0)
     inside &= ((found.centers - 0.5) / torch.tensor([camera.width, camera.height]) - 0.5).abs().amax(1) < 0.45
     rows = torch.nonzero(inside)[:4, 0]
     assert len(rows) == 4
@@ -124,7 +125,7 @@ def test_sigma_points_agree_in_float32(lens, device):
     floats = {name: leaf.detach().float().to(device) for name, leaf in leaves.items()}
     found = projected(floats, camera, Accuracy(footprint="unscented"), Effects())
     splats = expected(leaves, camera, footprint="unscented")
-    tame = (found.extents[:, 0].cpu() > 0) & (splats.depths > 0.3)
+    tame = found.visible.cpu() & (splats.depths > 0.3)
     assert tame.sum() > 50
     torch.testing.assert_close(found.centers.cpu().double()[tame], splats.centers[tame], rtol=1e-5, atol=1e-4)
     torch.testing.assert_close(
@@ -211,7 +212,7 @@ def test_a_sigma_point_beyond_the_fold_of_a_lens_turns_its_axis_linear():
         project(*tensors, camera, accuracy=replace(DOUBLE, footprint=footprint), effects=SHARP)
         for footprint in FOOTPRINTS
     )
-    assert flat.extents[0, 0] > 0
+    assert flat.visible.all()
     torch.testing.assert_close(oracle.conics(curved.roots), oracle.conics(flat.roots), rtol=1e-2, atol=1e-4)
     truth = oracle.project(*tensors, camera.world_to_camera, camera, footprint="unscented", antialias=True)
     torch.testing.assert_close(oracle.conics(curved.roots), truth.conics, rtol=1e-6, atol=1e-9)
@@ -222,12 +223,12 @@ def test_the_circle_is_that_of_3dgs():
     found = projected(leaves, camera, replace(DOUBLE, extent="circle"), Effects())
     splats = expected(leaves, camera)
     larger = torch.linalg.eigvalsh(splats.covariances)[:, 1]
-    drawn = found.extents[:, 0] > 0
-    assert drawn.sum() > 50
+    visible = found.visible
+    assert visible.sum() > 50
     assert torch.equal(found.extents[:, 0], found.extents[:, 1])
-    wide = drawn & (larger > 4.0)  # 3DGS keeps the eigenvalues 0.6 px^2 apart; no matter for a wide one
+    wide = visible & (larger > 4.0)  # 3DGS keeps the eigenvalues 0.6 px^2 apart; no matter for a wide one
     torch.testing.assert_close(found.extents[wide, 0], 3 * larger[wide].sqrt(), rtol=0.05, atol=0)
-    assert (found.extents[drawn, 0] > 2.99 * larger[drawn].sqrt()).all()
+    assert (found.extents[visible, 0] > 2.99 * larger[visible].sqrt()).all()
 
 
 def test_a_lower_alpha_min_reaches_farther_and_keeps_fainter_gaussians():

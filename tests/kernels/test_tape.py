@@ -72,7 +72,7 @@ def by_tape():
     optics = optics_of(camera)
     lens = taped.Lens(
         optics.lens_kind, optics.coefficients, wp.vec2(*optics.lower), wp.vec2(*optics.upper),
-        optics.radius_max,
+        optics.radius_max, optics.width, optics.height,
     )  # fmt: skip
     leaves = {name: leaf(tensor, KINDS[name]) for name, tensor in random_gaussians(100).named()}
     pose = camera.world_to_camera
@@ -160,7 +160,7 @@ def test_double_precision_and_normals_give_the_bits_of_torch():
     means, log_scales, quaternions, logits, coefficients, poses, focal, eyes = arrays
     lens = taped.Lens(
         optics.lens_kind, optics.coefficients, wp.vec2(*optics.lower), wp.vec2(*optics.upper),
-        optics.radius_max,
+        optics.radius_max, optics.width, optics.height,
     )  # fmt: skip
     with wp.Tape() as tape:
         splats = taped.project(

@@ -134,7 +134,7 @@ def statistics(projection: Projection, camera: Camera) -> Statistics:
     listed = np.diff(bins.starts.numpy().astype(np.int64)).reshape(bins.rows, bins.columns)
     wide = np.minimum(TILE, camera.width - TILE * np.arange(bins.columns))
     high = np.minimum(TILE, camera.height - TILE * np.arange(bins.rows))
-    drawn = projection.extents[:, 0] > 0.0
+    drawn = projection.visible
     l11, l21, l22 = projection.roots.detach()[drawn].double().unbind(1)
     xx, xy, yy = l11**2, l11 * l21, l21**2 + l22**2
     # The smaller eigenvalue of the inverse covariance is the inverse of the larger variance.

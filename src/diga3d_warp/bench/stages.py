@@ -87,7 +87,7 @@ class Bench:
                 start = time.perf_counter()
                 rendering = render(self.optimiser.gaussians(), self.camera, effects=EFFECTS)
                 self._loss(rendering.color).backward()
-                self.optimiser.step(0.5, shown=rendering.projection.extents[:, 0] > 0.0)
+                self.optimiser.step(0.5, visible=rendering.projection.visible)
                 if repeat > 0:
                     seconds[WHOLE].append(time.perf_counter() - start)
         return seconds
@@ -160,7 +160,7 @@ class Bench:
                 [projection.centers, projection.roots, projection.opacities], list(adj_splats[:3])
             )
         with watch(measured, "optimiser"):
-            self.optimiser.step(0.5, shown=projection.extents[:, 0] > 0.0)
+            self.optimiser.step(0.5, visible=projection.visible)
 
     def _loss(self, color: torch.Tensor) -> torch.Tensor:
         return photometric_loss(color, self.photograph, None, SSIM_WEIGHT)

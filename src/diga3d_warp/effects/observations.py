@@ -96,7 +96,7 @@ def _place(positions: np.ndarray, view: View, thresholds: Thresholds) -> np.ndar
         points = project(means, means.new_full((count, 3), -20.0), quaternions, means.new_zeros(count), small)
     pixels, depths = points.centers.numpy(), points.depths.numpy()
     high = np.array([small.width, small.height]) - BORDER
-    inside = (points.extents.numpy()[:, 0] > 0.0) & ((pixels > BORDER) & (pixels < high)).all(1)
+    inside = points.visible.numpy() & ((pixels > BORDER) & (pixels < high)).all(1)
     if view.alpha is not None:
         inside[inside] = _read(view.alpha, small, pixels[inside], thresholds) >= thresholds.opaque
     rows = np.nonzero(inside)[0]

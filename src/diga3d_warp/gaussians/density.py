@@ -1,10 +1,10 @@
 """Density control with a fixed budget: gaussians go where the images pull, faded ones first.
 
-Faded gaussians are moved onto chosen ones and new ones are added the same way until the budget is reached, as
-in 3DGS as Markov chain Monte Carlo (Kheradmand et al. 2024). Unlike there, they are chosen by the pull of the
-images on their centres (3DGS's measure) rather than by opacity, and copies are spread over the original
-(3DGS's split) rather than laid on one spot: coincident copies get the same gradient, so only a long random
-walk parts them, and a fit on a CPU is short.
+Gaussians that have faded, or that no image shows, are moved onto chosen ones, and new ones are added the same
+way until the budget is reached, as in 3DGS as Markov chain Monte Carlo (Kheradmand et al. 2024). Unlike
+there, they are chosen by the pull of the images on their centres (3DGS's measure) rather than by opacity, and
+copies are spread over the original (3DGS's split) rather than laid on one spot: coincident copies get the
+same gradient, so only a long random walk parts them, and a fit on a CPU is short.
 """
 
 from __future__ import annotations
@@ -52,32 +52,33 @@ class DensitySettings:
 
 @torch.no_grad()
 def relocate_and_grow(
-    optimiser: GaussianAdam, wanted: int, pull: torch.Tensor, settings: DensitySettings,
-    generator: torch.Generator, held: torch.Tensor | None = None,
-) -> int:  # fmt: skip
-    """Move faded gaussians onto others, then add new ones until there are `wanted`.
+    optimiser: GaussianAdam, wanted: int, pull: torch.Tensor, unseen: torch.Tensor,
+    settings: DensitySettings, generator: torch.Generator, held: torch.Tensor | None = None,
+) -> torch.Tensor:  # fmt: skip
+    """Move faded and unseen gaussians onto others, then add new ones until there are `wanted`.
 
     Args:
         optimiser: Changed in place.
         wanted: Number of gaussians to reach; never less than there are.
         pull: How much each gaussian deserves company, shape (N,), not negative.
+        unseen: Gaussians that no image shows, shape (N,), bool; they count as faded.
         settings: Thresholds.
         generator: Source of the random choices.
         held: Rows that are neither moved nor chosen, shape (N,), bool.
 
     Returns:
-        The number of gaussians that were moved or added.
+        Rows of the gaussians that were moved or added, shape (M,).
     """
     gaussians = optimiser.gaussians()
     opacities = gaussians.opacities
     free = torch.ones_like(opacities, dtype=torch.bool) if held is None else ~held
-    alive = free & (opacities > settings.dead_opacity)
+    alive = free & ~unseen & (opacities > settings.dead_opacity)
     dead_rows = torch.nonzero(free & ~alive)[:, 0]
     added = max(0, wanted - len(gaussians))
     moved = len(dead_rows) + added
     weights = torch.where(alive, pull, torch.zeros_like(pull))
     if moved == 0 or not (weights > 0.0).any():
-        return 0
+        return dead_rows[:0]
     chosen = torch.multinomial(weights, moved, replacement=True, generator=generator)
     sources = torch.unique(chosen)
     values = spread_out(gaussians.select(chosen), settings.spread, generator)
@@ -85,7 +86,7 @@ def relocate_and_grow(
     optimiser.overwrite(dead_rows, values.select(torch.arange(len(dead_rows))))
     if added:
         optimiser.append(values.select(torch.arange(len(dead_rows), moved)))
-    return moved
+    return torch.cat([dead_rows, torch.arange(len(gaussians), len(gaussians) + added)])
 
 
 def spread_out(gaussians: Gaussians, spread: float, generator: torch.Generator) -> Gaussians:

@@ -229,7 +229,8 @@ class _Fit:
         self.exposures = Exposures([target.camera for target in targets]) if effects.exposure else None
         self.generator = torch.Generator().manual_seed(seed)
         self.first_count = len(gaussians)
-        self.pull, self.drawn = torch.zeros(2, len(gaussians)).unbind()
+        self.pull, self.shown = torch.zeros(2, len(gaussians)).unbind()
+        self.last_shown = torch.zeros(len(gaussians), dtype=torch.int64)
         self.iteration = 0
         self.order: list[int] = []
         self.curve: list[dict[str, float]] = []
@@ -266,8 +267,7 @@ class _Fit:
         rendering.projection.centers.retain_grad()
         regularised.backward()
         self._note_pull(rendering.projection)
-        shown = rendering.projection.extents[:, 0] > 0.0
-        self.optimiser.step(done, self._held(len(gaussians)), shown)
+        self.optimiser.step(done, self._held(len(gaussians)), rendering.projection.visible)
         if self.exposures and done >= EXPOSING.begin:
             self._update_exposure(index, target, rendering, wall)
         self._control_density(done)
@@ -307,7 +307,16 @@ class _Fit:
         gradient = projection.centers.grad
         assert gradient is not None
         self.pull += gradient.norm(dim=1)
-        self.drawn += projection.extents[:, 0] > 0.0
+        self.shown += projection.visible
+        self.last_shown[projection.visible] = self.iteration
+
+    def _unseen(self) -> torch.Tensor:
+        """Which gaussians no image has shown, though every one had its turn since, shape (N,), bool.
+
+        Adam passes over what an image does not show, so that neither images nor regularisers would ever
+        reach them. Images come in rounds of random order: within two rounds' steps each comes once at least.
+        """
+        return self.iteration - self.last_shown >= 2 * len(self.targets)
 
     def _next_index(self) -> int:
         if not self.order:
@@ -328,10 +337,14 @@ class _Fit:
             # Geometric growth, so that each round adds the same share; done three quarters of the way.
             share = min(1.0, grown / 0.75)
             wanted = round(first * (max(s.budget, first) / first) ** share)
-            pull = self.pull / self.drawn.clamp_min(1.0)
-            relocate_and_grow(self.optimiser, wanted, pull, density, self.generator, held)
+            pull = self.pull / self.shown.clamp_min(1.0)
+            placed = relocate_and_grow(
+                self.optimiser, wanted, pull, self._unseen(), density, self.generator, held
+            )
             count = len(self.optimiser.tensors["means"])
-            self.pull, self.drawn = torch.zeros(2, count).unbind()
+            self.pull, self.shown = torch.zeros(2, count).unbind()
+            self.last_shown = torch.nn.functional.pad(self.last_shown, (0, count - len(self.last_shown)))
+            self.last_shown[placed] = self.iteration
             held = self._held(count)
         if done < density.end:
             walk(self.optimiser, density, self.generator, held)
@@ -351,7 +364,7 @@ class _Fit:
         self.curve.append({"iteration": self.iteration + 1, "loss": losses, "psnr": psnr, "gaussians": count})
         self.recent = []
 
-    _PLAIN = ("iteration", "order", "curve", "recent", "seconds", "pull", "drawn")
+    _PLAIN = ("iteration", "order", "curve", "recent", "seconds", "pull", "shown", "last_shown")
 
     def save(self, path: Path) -> None:
         """Write a checkpoint through a temporary file."""

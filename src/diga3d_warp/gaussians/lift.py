@@ -156,7 +156,6 @@ def _centers_in(projection: Projection, mask: np.ndarray) -> tuple[torch.Tensor,
     """Whether each gaussian's centre lies in the image, and in the mask, both shape (N,), bool."""
     height, width = mask.shape
     x, y = projection.centers.floor().long().unbind(dim=1)
-    in_image = projection.extents[:, 0] > 0.0
-    in_image &= (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    in_image = projection.visible & (x >= 0) & (x < width) & (y >= 0) & (y < height)
     rows = torch.where(in_image, y * width + x, 0)
     return in_image, in_image & torch.from_numpy(mask).reshape(-1)[rows]

@@ -63,19 +63,20 @@ class GaussianAdam:
 
     @torch.no_grad()
     def step(
-        self, progress: float, held: torch.Tensor | None = None, shown: torch.Tensor | None = None
+        self, progress: float, held: torch.Tensor | None = None, visible: torch.Tensor | None = None
     ) -> None:
         """One step of Adam, after a backward pass.
 
         Args:
             progress: Part of the iterations that is done, in [0, 1]; sets the rate of the means.
             held: Rows that must not move, shape (N,), bool.
-            shown: Rows that the image showed, shape (N,), bool; the others keep value and moments. None: all.
+            visible: Rows that are visible in the image, shape (N,), bool; the others keep value and moments.
+                None: all.
         """
         first, last = self.rates.means * self.extent, self.rates.means_final * self.extent
         self.means_rate = first * (last / first) ** progress
         self.steps += 1
-        moving = self._moving(held, shown)
+        moving = self._moving(held, visible)
         for name, tensor in self.tensors.items():
             if tensor.grad is None:
                 continue
@@ -85,14 +86,14 @@ class GaussianAdam:
             adam.step(len(tensor), len(rates), moving, gradient, rates, self.steps, flat)
             tensor.grad = None
 
-    def _moving(self, held: torch.Tensor | None, shown: torch.Tensor | None) -> wp.array:
+    def _moving(self, held: torch.Tensor | None, visible: torch.Tensor | None) -> wp.array:
         """1 where a row moves, else 0, shape (N,), int32."""
         means = self.tensors["means"]
         moving = torch.ones(len(means), dtype=torch.int32, device=means.device)
         if held is not None:
             moving[held] = 0
-        if shown is not None:
-            moving[~shown] = 0
+        if visible is not None:
+            moving[~visible] = 0
         return warp_array(moving, wp.int32)
 
     def _rates_of(self, name: str) -> list[float]:

@@ -1,7 +1,8 @@
-"""One step of Adam (Kingma and Ba 2015) on the rows of a parameter that an image showed.
+"""One step of Adam (Kingma and Ba 2015) on the rows of a parameter that are visible in an image.
 
-Rows that no pixel saw keep value and moments, as in Taming 3DGS (Mallick et al. 2024): their gradient is
-zero, and moving them on by old moments alone costs as much memory traffic as all others.
+Rows of culled gaussians keep value and moments, as in Taming 3DGS (Mallick et al. 2024): their gradient is
+zero, old moments would move them on without any reason, and it would cost as much memory traffic as all
+others. Regularisers do not reach them either; density control moves what stays unseen.
 
 Invariants
 - A parameter is flat: row `r` holds the cells from `r * width` on. The loop over the cells of a row is one of
@@ -47,7 +48,7 @@ def step_kernel(width: int) -> wp.Kernel:
     @wp.kernel(module="unique", module_options=OPTIONS)
     def adam(
         offset: int,
-        shown: wp.array(dtype=int),
+        moving: wp.array(dtype=int),
         gradient: wp.array(dtype=float),
         rates: wp.array(dtype=float),
         root_bias: float,
@@ -57,7 +58,7 @@ def step_kernel(width: int) -> wp.Kernel:
         second: wp.array(dtype=float),
     ):
         row = wp.tid() + offset
-        if shown[row] == 0:
+        if moving[row] == 0:
             return
         start = row * wp.static(width)
         k = int(0)
@@ -78,17 +79,17 @@ def step_kernel(width: int) -> wp.Kernel:
 
 
 def step(
-    count: int, width: int, shown: wp.array, gradient: wp.array, rates: Sequence[float], steps: int,
+    count: int, width: int, moving: wp.array, gradient: wp.array, rates: Sequence[float], steps: int,
     outputs: list,
 ) -> None:  # fmt: skip
-    """Move the rows that were shown, and their moments.
+    """Move the rows that are visible, and their moments.
 
     Arrays are contiguous.
 
     Args:
         count: Number of rows N.
         width: Cells of a row.
-        shown: 1 where a row shall move, else 0, shape (N,), int32.
+        moving: 1 where a row shall move, else 0, shape (N,), int32.
         gradient: Of the parameter, shape (N * width,), float32.
         rates: Learning rate of each cell of a row [units of the parameter], `width` numbers.
         steps: Steps of Adam with this one, from which the bias of young moments is corrected.
@@ -99,6 +100,6 @@ def step(
     root_bias = (1.0 - DECAY.second**steps) ** -0.5
     launch(
         step_kernel(width), count,
-        [shown, gradient, wp.array(unbiased, dtype=float, device=device), root_bias], outputs,
+        [moving, gradient, wp.array(unbiased, dtype=float, device=device), root_bias], outputs,
         device=device, work=width,
     )  # fmt: skip

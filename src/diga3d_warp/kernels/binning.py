@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from diga3d_warp.config import TILE
 from diga3d_warp.kernels.dealing import list_by_dealing
 from diga3d_warp.kernels.keyed_pairs import list_by_keys
+from diga3d_warp.kernels.tiles import grid
 
 ROUNDING = 2.0**-22
 """Share of a coordinate by which a box grows that is rounded to float32: four times the rounding's own."""
@@ -76,6 +76,5 @@ def bin_gaussians(centers: wp.array, depths: wp.array, extents: wp.array, width:
     """
     if depths.dtype == wp.float64:
         centers, extents = rounded_outwards(centers, extents)
-    columns, rows = -(-width // TILE), -(-height // TILE)
     listed = list_by_dealing if depths.device.is_cpu else list_by_keys
-    return Bins(columns, rows, *listed(centers, extents, depth_keys(depths), columns, rows))
+    return Bins(*grid(width, height), *listed(centers, extents, depth_keys(depths), width, height))

@@ -20,7 +20,7 @@ import warp as wp
 
 from diga3d_warp.kernels.cells import cells_of, take
 from diga3d_warp.kernels.launch import OPTIONS, launch
-from diga3d_warp.kernels.tiles import Lists, checked, end_tile, first_tile
+from diga3d_warp.kernels.tiles import Lists, checked, grid, tile_range
 
 wp.set_module_options(OPTIONS)
 
@@ -34,6 +34,7 @@ AHEAD = wp.constant(16)
 read_range, _, fetch_range, _ = cells_of(wp.vec4us)
 read_element, write_element, *_ = cells_of(wp.uint64)
 read_int, write_int, fetch_int, _ = cells_of(int)
+first_tile, end_tile = tile_range(wp.float32)
 
 
 # Vectors are read and written by their components: a loop that passes whole ones around stays scalar.
@@ -72,8 +73,8 @@ def measure(
     offset: int,
     centers: wp.array(dtype=wp.vec2),
     extents: wp.array(dtype=wp.vec2),
-    columns: int,
-    rows: int,
+    width: int,
+    height: int,
     # outputs
     ranges: wp.array(dtype=wp.vec4us),
     emitted: wp.array(dtype=wp.int64),
@@ -91,10 +92,10 @@ def measure(
         y = component(centers, i, 1)
         ex = component(extents, i, 0)
         ey = component(extents, i, 1)
-        left = first_tile(x, ex, columns)
-        top = first_tile(y, ey, rows)
-        across = end_tile(x, ex, left, columns) - left
-        down = end_tile(y, ey, top, rows) - top
+        left = first_tile(x, ex, width)
+        top = first_tile(y, ey, height)
+        across = end_tile(x, ex, left, width) - left
+        down = end_tile(y, ey, top, height) - top
         write_range(ranges, i, left, across, top, down)
         tiles = wp.int64(across) * wp.int64(down)
         total += tiles
@@ -198,21 +199,21 @@ def deal_tiles(
             column = wp.where(column + 1 == across, 0, column + 1)
 
 
-def list_by_dealing(centers: wp.array, extents: wp.array, keys: wp.array, columns: int, rows: int) -> Lists:
+def list_by_dealing(centers: wp.array, extents: wp.array, keys: wp.array, width: int, height: int) -> Lists:
     """List the gaussians of each tile by key, on CPU.
 
     Args:
         centers, extents: Boxes [px], shape (N,), vec2.
         keys: Positive, growing with depth, shape (N,), int32.
-        columns, rows: Size of the tile grid.
+        width, height: Image size [px].
 
     Raises:
         ValueError: more than 2^31 - 1 pairs.
     """
-    count = centers.shape[0]
+    count, (columns, rows) = centers.shape[0], grid(width, height)
     ranges, first = _empty(count, wp.vec4us), _empty(count + 1, int)
     emitted, drawn = _empty(DEALERS, wp.int64), _empty(DEALERS, int)
-    _deal(measure, count, [centers, extents, columns, rows], [ranges, emitted, drawn])
+    _deal(measure, count, [centers, extents, width, height], [ranges, emitted, drawn])
     emission_bases, element_bases = _sums(emitted), _sums(drawn)
     pairs = checked(int(emission_bases[-1]))
     first[count:].fill_(pairs)

@@ -11,18 +11,20 @@ from __future__ import annotations
 import warp as wp
 
 from diga3d_warp.kernels.launch import OPTIONS, launch
-from diga3d_warp.kernels.tiles import Lists, checked, end_tile, first_tile
+from diga3d_warp.kernels.tiles import Lists, checked, grid, tile_range
 
 wp.set_module_options(OPTIONS)
 
+first_tile, end_tile = tile_range(wp.float32)
+
 
 @wp.func
-def tile_range(center: wp.vec2, extent: wp.vec2, columns: int, rows: int) -> wp.vec4i:
-    """First and end column, first and end row."""
-    left = first_tile(center[0], extent[0], columns)
-    top = first_tile(center[1], extent[1], rows)
-    right = end_tile(center[0], extent[0], left, columns)
-    return wp.vec4i(left, right, top, end_tile(center[1], extent[1], top, rows))
+def touched(center: wp.vec2, extent: wp.vec2, width: int, height: int) -> wp.vec4i:
+    """First and end column, first and end row of the tiles that a box touches."""
+    left = first_tile(center[0], extent[0], width)
+    top = first_tile(center[1], extent[1], height)
+    right = end_tile(center[0], extent[0], left, width)
+    return wp.vec4i(left, right, top, end_tile(center[1], extent[1], top, height))
 
 
 @wp.kernel
@@ -30,13 +32,13 @@ def count_pairs(
     offset: int,
     centers: wp.array(dtype=wp.vec2),
     extents: wp.array(dtype=wp.vec2),
-    columns: int,
-    rows: int,
+    width: int,
+    height: int,
     # outputs
     counts: wp.array(dtype=wp.int64),
 ):
     i = wp.tid() + offset
-    r = tile_range(centers[i], extents[i], columns, rows)
+    r = touched(centers[i], extents[i], width, height)
     counts[i] = wp.int64(r[1] - r[0]) * wp.int64(r[3] - r[2])
 
 
@@ -48,7 +50,8 @@ def emit_pairs(
     depth_keys: wp.array(dtype=int),
     sums: wp.array(dtype=wp.int64),
     columns: int,
-    rows: int,
+    width: int,
+    height: int,
     # outputs
     first: wp.array(dtype=int),
     keys: wp.array(dtype=wp.int64),
@@ -56,7 +59,7 @@ def emit_pairs(
     emitters: wp.array(dtype=int),
 ):
     i = wp.tid() + offset
-    r = tile_range(centers[i], extents[i], columns, rows)
+    r = touched(centers[i], extents[i], width, height)
     emission = int(sums[i])
     first[i] = emission
     for y in range(r[2], r[3]):
@@ -95,21 +98,22 @@ def name_pairs(
 
 
 def list_by_keys(
-    centers: wp.array, extents: wp.array, depth_keys: wp.array, columns: int, rows: int
+    centers: wp.array, extents: wp.array, depth_keys: wp.array, width: int, height: int
 ) -> Lists:
     """List the gaussians of each tile by depth, on any device.
 
     Args:
         centers, extents: Boxes [px], shape (N,), vec2.
         depth_keys: Positive, growing with depth, shape (N,), int32.
-        columns, rows: Size of the tile grid.
+        width, height: Image size [px].
 
     Raises:
         ValueError: more than 2^31 - 1 pairs.
     """
     device, count = centers.device, centers.shape[0]
+    columns, rows = grid(width, height)
     counts = wp.zeros(count + 1, dtype=wp.int64, device=device)
-    launch(count_pairs, count, [centers, extents, columns, rows], [counts], device=device)
+    launch(count_pairs, count, [centers, extents, width, height], [counts], device=device)
     sums = wp.empty_like(counts)
     wp.utils.array_scan(counts, sums, inclusive=False)
     pairs = checked(int(sums[count:].numpy()[0]))
@@ -120,7 +124,7 @@ def list_by_keys(
     sources = wp.empty(2 * pairs, dtype=int, device=device)
     emitters, gaussians, emissions = (wp.empty(pairs, dtype=int, device=device) for _ in range(3))
     launch(
-        emit_pairs, count, [centers, extents, depth_keys, sums, columns, rows],
+        emit_pairs, count, [centers, extents, depth_keys, sums, columns, width, height],
         [first, keys, sources, emitters], device=device,
     )  # fmt: skip
     wp.utils.radix_sort_pairs(keys, sources, pairs)

@@ -1,8 +1,10 @@
 """Projection: gaussians become splats in the image plane, and gradients of splats those of gaussians.
 
 Invariants
-- A culled gaussian has extent (0, 0) and exact zeros in every output; its gradient is exactly zero. Its lane
-  may compute NaN: results are chosen, never multiplied by zero, before they are stored or added up.
+- A gaussian is visible if it passes all guards of `footprint` and its box touches a tile of the image, by the
+  very function that bins it. Every other one is culled: extent (0, 0), exact zeros in every output, and a
+  gradient of exactly zero. Its lane may compute NaN: results are chosen, never multiplied by zero, before
+  they are stored or added up.
 - The camera comes in rows, one for `POSE_GROUP` gaussians, all equal: each row collects the gradient of its
   own group. On CPU a group is one thread's.
 """
@@ -18,6 +20,7 @@ from diga3d_warp.kernels.footprint import Projecting, footprint
 from diga3d_warp.kernels.lanes import total_function
 from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.precision import types_of
+from diga3d_warp.kernels.tiles import tile_range
 
 
 @cache
@@ -27,6 +30,7 @@ def projection_kernel(kind: Projecting, columns: Columns) -> wp.Kernel:
     vec2, vec3, vec4, _, _, mat44 = types_of(real)
     splat, box, _ = footprint(kind)
     vector = lens_model(kind.lens_kind, real).vector
+    first_tile, end_tile = tile_range(real)
     pairs, triples, quadruples, singles = (moves_of(dtype, size) for dtype in (vec2, vec3, vec4, real))
     load_vec3, load_vec4, load_real = triples.load, quadruples.load, singles.load
     store_vec2, store_vec3, store_real = pairs.store, triples.store, singles.store
@@ -47,6 +51,8 @@ def projection_kernel(kind: Projecting, columns: Columns) -> wp.Kernel:
         lower: vec2,
         upper: vec2,
         radius_max: real,
+        width: int,
+        height: int,
         # outputs
         centers: wp.array(dtype=vec2),
         depths: wp.array(dtype=real),
@@ -80,19 +86,23 @@ def projection_kernel(kind: Projecting, columns: Columns) -> wp.Kernel:
                     pose, f, coefficients, lower, upper, radius_max,
                 )  # fmt: skip
                 half_width, half_height = box(o, variances)
-                shown = seen != 0
-                center[0, t] = wp.where(shown, x, zero)
-                center[1, t] = wp.where(shown, y, zero)
-                depth[0, t] = wp.where(shown, z, zero)
-                root[0, t] = wp.where(shown, root_t[0], zero)
-                root[1, t] = wp.where(shown, root_t[1], zero)
-                root[2, t] = wp.where(shown, root_t[2], zero)
-                extent[0, t] = wp.where(shown, half_width, zero)
-                extent[1, t] = wp.where(shown, half_height, zero)
-                opacity[0, t] = wp.where(shown, o, zero)
+                left = first_tile(x, half_width, width)
+                top = first_tile(y, half_height, height)
+                seen = seen & wp.where(end_tile(x, half_width, left, width) > left, 1, 0)
+                seen = seen & wp.where(end_tile(y, half_height, top, height) > top, 1, 0)
+                visible = seen != 0
+                center[0, t] = wp.where(visible, x, zero)
+                center[1, t] = wp.where(visible, y, zero)
+                depth[0, t] = wp.where(visible, z, zero)
+                root[0, t] = wp.where(visible, root_t[0], zero)
+                root[1, t] = wp.where(visible, root_t[1], zero)
+                root[2, t] = wp.where(visible, root_t[2], zero)
+                extent[0, t] = wp.where(visible, half_width, zero)
+                extent[1, t] = wp.where(visible, half_height, zero)
+                opacity[0, t] = wp.where(visible, o, zero)
                 if wp.static(kind.slopes):
-                    slope[0, t] = wp.where(shown, slope_x, zero)
-                    slope[1, t] = wp.where(shown, slope_y, zero)
+                    slope[0, t] = wp.where(visible, slope_x, zero)
+                    slope[1, t] = wp.where(visible, slope_y, zero)
             store_vec2(centers, first, lanes, center)
             store_real(depths, first, lanes, depth)
             store_vec3(roots, first, lanes, root)
@@ -190,34 +200,34 @@ def adjoint_kernel(kind: Projecting, columns: Columns) -> wp.Kernel:
                     of_slope[0, t],
                     of_slope[1, t],
                 )  # fmt: skip
-                shown = extent[0, t] > zero
-                g_mean[0, t] = wp.where(shown, d_mean[0], zero)
-                g_mean[1, t] = wp.where(shown, d_mean[1], zero)
-                g_mean[2, t] = wp.where(shown, d_mean[2], zero)
-                g_scale[0, t] = wp.where(shown, d_scale[0], zero)
-                g_scale[1, t] = wp.where(shown, d_scale[1], zero)
-                g_scale[2, t] = wp.where(shown, d_scale[2], zero)
-                g_q[0, t] = wp.where(shown, d_q[0], zero)
-                g_q[1, t] = wp.where(shown, d_q[1], zero)
-                g_q[2, t] = wp.where(shown, d_q[2], zero)
-                g_q[3, t] = wp.where(shown, d_q[3], zero)
-                of_camera[0, t] += wp.where(shown, d_pose[0, 0], zero)
-                of_camera[1, t] += wp.where(shown, d_pose[0, 1], zero)
-                of_camera[2, t] += wp.where(shown, d_pose[0, 2], zero)
-                of_camera[3, t] += wp.where(shown, d_pose[0, 3], zero)
-                of_camera[4, t] += wp.where(shown, d_pose[1, 0], zero)
-                of_camera[5, t] += wp.where(shown, d_pose[1, 1], zero)
-                of_camera[6, t] += wp.where(shown, d_pose[1, 2], zero)
-                of_camera[7, t] += wp.where(shown, d_pose[1, 3], zero)
-                of_camera[8, t] += wp.where(shown, d_pose[2, 0], zero)
-                of_camera[9, t] += wp.where(shown, d_pose[2, 1], zero)
-                of_camera[10, t] += wp.where(shown, d_pose[2, 2], zero)
-                of_camera[11, t] += wp.where(shown, d_pose[2, 3], zero)
-                of_camera[12, t] += wp.where(shown, d_f[0], zero)
-                of_camera[13, t] += wp.where(shown, d_f[1], zero)
-                of_camera[14, t] += wp.where(shown, d_f[2], zero)
-                of_camera[15, t] += wp.where(shown, d_f[3], zero)
-                g_logit[0, t] = wp.where(shown, d_logit, zero)
+                visible = extent[0, t] > zero
+                g_mean[0, t] = wp.where(visible, d_mean[0], zero)
+                g_mean[1, t] = wp.where(visible, d_mean[1], zero)
+                g_mean[2, t] = wp.where(visible, d_mean[2], zero)
+                g_scale[0, t] = wp.where(visible, d_scale[0], zero)
+                g_scale[1, t] = wp.where(visible, d_scale[1], zero)
+                g_scale[2, t] = wp.where(visible, d_scale[2], zero)
+                g_q[0, t] = wp.where(visible, d_q[0], zero)
+                g_q[1, t] = wp.where(visible, d_q[1], zero)
+                g_q[2, t] = wp.where(visible, d_q[2], zero)
+                g_q[3, t] = wp.where(visible, d_q[3], zero)
+                of_camera[0, t] += wp.where(visible, d_pose[0, 0], zero)
+                of_camera[1, t] += wp.where(visible, d_pose[0, 1], zero)
+                of_camera[2, t] += wp.where(visible, d_pose[0, 2], zero)
+                of_camera[3, t] += wp.where(visible, d_pose[0, 3], zero)
+                of_camera[4, t] += wp.where(visible, d_pose[1, 0], zero)
+                of_camera[5, t] += wp.where(visible, d_pose[1, 1], zero)
+                of_camera[6, t] += wp.where(visible, d_pose[1, 2], zero)
+                of_camera[7, t] += wp.where(visible, d_pose[1, 3], zero)
+                of_camera[8, t] += wp.where(visible, d_pose[2, 0], zero)
+                of_camera[9, t] += wp.where(visible, d_pose[2, 1], zero)
+                of_camera[10, t] += wp.where(visible, d_pose[2, 2], zero)
+                of_camera[11, t] += wp.where(visible, d_pose[2, 3], zero)
+                of_camera[12, t] += wp.where(visible, d_f[0], zero)
+                of_camera[13, t] += wp.where(visible, d_f[1], zero)
+                of_camera[14, t] += wp.where(visible, d_f[2], zero)
+                of_camera[15, t] += wp.where(visible, d_f[3], zero)
+                g_logit[0, t] = wp.where(visible, d_logit, zero)
             store_vec3(adj_means, first, lanes, g_mean)
             store_vec3(adj_log_scales, first, lanes, g_scale)
             store_vec4(adj_quaternions, first, lanes, g_q)
@@ -237,12 +247,17 @@ def adjoint_kernel(kind: Projecting, columns: Columns) -> wp.Kernel:
     return project_adjoint
 
 
-def project(kind: Projecting, count: int, inputs: list, outputs: list, *, device: object) -> None:
-    """Project `count` gaussians. Arguments as in the kernel, without slopes None."""
+def project(
+    kind: Projecting, count: int, inputs: list, width: int, height: int, outputs: list, *, device: object
+) -> None:
+    """Project `count` gaussians into an image of `width` x `height` px.
+
+    Arguments as in the kernel; without slopes their output is None.
+    """
     columns = columns_for(device, calls=kind.calls)
     launch(
-        projection_kernel(kind, columns), -(-count // columns.span), [count, *inputs], outputs,
-        device=device, work=columns.span,
+        projection_kernel(kind, columns), -(-count // columns.span), [count, *inputs, width, height],
+        outputs, device=device, work=columns.span,
     )  # fmt: skip
 
 

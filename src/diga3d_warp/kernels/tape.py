@@ -53,6 +53,7 @@ class Lens:
         coefficients: Lens coefficients, zeros for a pinhole.
         lower, upper: Undistorted (x/z, y/z) beyond which the EWA Jacobian is not followed.
         radius_max: Undistorted radius below which the lens is one to one [focal lengths]; at most 1e6.
+        width, height: Image size [px]; gaussians that lie outside are culled.
     """
 
     kind: str
@@ -60,6 +61,8 @@ class Lens:
     lower: wp.vec2
     upper: wp.vec2
     radius_max: float
+    width: int
+    height: int
 
 
 class Splats(NamedTuple):
@@ -120,7 +123,7 @@ def project(
         dtypes.append(types.vec2)
     splats = Splats(*(wp.zeros(count, dtype=dtype, device=device, requires_grad=True) for dtype in dtypes))
     inputs = [*arrays, *optics, lens.radius_max]
-    projection.project(kind, count, inputs, list(splats), device=device)
+    projection.project(kind, count, inputs, lens.width, lens.height, list(splats), device=device)
 
     def adjoint() -> None:
         moved = [splats.centers, splats.depths, splats.roots, splats.opacities, splats.depth_slopes]

@@ -1,45 +1,71 @@
 """Tiles of an image: which of them a gaussian's box touches, and the lists of gaussians by tile.
 
 Invariants
-- Whoever counts pairs of tiles and gaussians and whoever lists them take the same range, so every slot that
-  was counted is filled.
+- Culling against the image, counting pairs of tiles and gaussians and listing them all use `tile_range`: a
+  gaussian is visible exactly if it has pairs, and every slot that was counted is filled.
 - A box is clamped before its coordinates become integers: what lies far off wraps into no tile.
 - Pairs are numbered in 32 bits; of more of them none is written.
 """
 
-from __future__ import annotations
-
 import math
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import warp as wp
 
 from diga3d_warp.config import TILE
-from diga3d_warp.kernels.launch import OPTIONS
 
-wp.set_module_options(OPTIONS)
-
-PIXEL_LIMIT = wp.constant(1.0e6)
+PIXEL_LIMIT = 1.0e6
 """Pixel coordinates are clamped to this before they become integers; no image is larger, and its tiles are
 numbered in 16 bits."""
 
-TILE_SHIFT = wp.constant(int(math.log2(TILE)))
+TILE_SHIFT = int(math.log2(TILE))
 """A pixel's tile is its coordinate shifted right, which rounds down for negative ones too."""
 
 
-@wp.func
-def first_tile(center: float, extent: float, count: int) -> int:
-    """First of the tiles along an axis that a box touches. A pixel is touched if its centre is, hence 0.5."""
-    low = wp.clamp(center - extent - 0.5, -PIXEL_LIMIT, PIXEL_LIMIT)
-    return wp.clamp(int(wp.ceil(low)) >> TILE_SHIFT, 0, count)
+class TileRange(NamedTuple):
+    """Warp functions for the tiles that a box touches along one axis of an image.
+
+    A gaussian is visible if and only if neither of its two ranges is empty.
+
+    Attributes:
+        first: (center, extent, size) -> first tile. A pixel is touched if its centre is.
+        end: (center, extent, first, size) -> one past the last tile; `first` if there are none, as for a
+            culled gaussian of extent 0 and for a box beyond the last pixel's outer edge.
+    """
+
+    first: Any
+    end: Any
 
 
-@wp.func
-def end_tile(center: float, extent: float, first: int, count: int) -> int:
-    """One past the last of these tiles; `first` if there are none, as for a culled gaussian of extent 0."""
-    high = wp.clamp(center + extent - 0.5, -PIXEL_LIMIT, PIXEL_LIMIT)
-    end = wp.clamp((int(wp.floor(high)) >> TILE_SHIFT) + 1, first, count)
-    return wp.where(extent > 0.0, end, first)
+@cache
+def tile_range(real: Any) -> TileRange:
+    """The functions for centres and extents [px] of a scalar type; `size` is the image's, an int [px]."""
+    half, zero, limit = real(0.5), real(0.0), real(PIXEL_LIMIT)
+
+    @wp.func
+    def tile_count(size: int) -> int:
+        return (size + wp.static(TILE - 1)) >> wp.static(TILE_SHIFT)
+
+    @wp.func
+    def first(center: real, extent: real, size: int) -> int:
+        low = wp.clamp(center - extent - half, -limit, limit)
+        return wp.clamp(int(wp.ceil(low)) >> wp.static(TILE_SHIFT), 0, tile_count(size))
+
+    @wp.func
+    def end(center: real, extent: real, first: int, size: int) -> int:
+        high = wp.clamp(center + extent - half, -limit, limit)
+        last = wp.clamp((int(wp.floor(high)) >> wp.static(TILE_SHIFT)) + 1, first, tile_count(size))
+        # The last column and row of tiles reach beyond the image.
+        touches = wp.where(extent > zero, 1, 0) & wp.where(center - extent <= real(size), 1, 0)
+        return wp.where(touches != 0, last, first)
+
+    return TileRange(first, end)
+
+
+def grid(width: int, height: int) -> tuple[int, int]:
+    """Columns and rows of the tiles that cover an image [px]."""
+    return -(-width // TILE), -(-height // TILE)
 
 
 class Lists(NamedTuple):

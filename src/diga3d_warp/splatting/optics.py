@@ -28,6 +28,7 @@ class Optics:
         coefficients: Lens coefficients, zeros for a pinhole.
         radius_max: Undistorted radius below which the lens is one to one [focal lengths].
         lower, upper: Undistorted (x/z, y/z) beyond which the EWA Jacobian is not followed.
+        width, height: Image size [px].
         rays: Undistorted (x/z, y/z) of every pixel centre, shape (H * W, 2), float32; NaN where the lens
             reaches no ray.
     """
@@ -37,6 +38,8 @@ class Optics:
     radius_max: float
     lower: tuple[float, float]
     upper: tuple[float, float]
+    width: int
+    height: int
     rays: np.ndarray
 
 
@@ -65,5 +68,12 @@ def _optics(
     low, high = reached.min(axis=0), reached.max(axis=0)
     margin = (SPLATTING.jacobian_margin - 1.0) * 0.5 * (high - low)
     return Optics(
-        kind, coefficients, radius, tuple((low - margin).tolist()), tuple((high + margin).tolist()), seen
+        kind,
+        coefficients,
+        radius,
+        tuple((low - margin).tolist()),
+        tuple((high + margin).tolist()),
+        width,
+        height,
+        seen,
     )

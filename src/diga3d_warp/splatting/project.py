@@ -18,7 +18,7 @@ from diga3d_warp.splatting.optics import Optics, optics_of
 
 
 class Projection(NamedTuple):
-    """Gaussians in the image plane; rows of culled gaussians are exact zeros.
+    """Gaussians in the image plane; rows of gaussians that no pixel shows are exact zeros.
 
     Attributes:
         centers: Pixel positions, shape (N, 2).
@@ -26,7 +26,7 @@ class Projection(NamedTuple):
         roots: Cholesky root L of the inverse covariance L L^T, lower triangular, as (l11, l21, l22) [px^-1],
             shape (N, 3).
         extents: Half width and height of the box to draw [px], shape (N, 2). Carries no gradient; (0, 0)
-            marks a culled gaussian.
+            for a culled gaussian.
         opacities: Peak opacity, shape (N,).
         depth_slopes: Change of depth over the image [scene units / px], shape (N, 2), where asked for:
             on the ray of a pixel, the gaussian's response is largest at depth
@@ -39,6 +39,15 @@ class Projection(NamedTuple):
     extents: torch.Tensor
     opacities: torch.Tensor
     depth_slopes: torch.Tensor | None = None
+
+    @property
+    def visible(self) -> torch.Tensor:
+        """Which gaussians the image may show, shape (N,), bool; all others are culled.
+
+        A visible gaussian lies in front of the camera and its box touches the image. It may still be hidden
+        behind others.
+        """
+        return self.extents[:, 0] > 0.0
 
 
 def project(
@@ -54,7 +63,8 @@ def project(
     """Project gaussians into a camera (Zwicker et al. 2001, EWA splatting; 3DGS's conventions).
 
     Gradients reach means, scales, quaternions, opacities, `camera.world_to_camera` and `camera.intrinsics`.
-    All results are in the accuracy's precision.
+    All results are in the accuracy's precision. Gaussians behind the camera, outside the image or with broken
+    numbers are culled.
 
     The slope of depth is cov(z, pixel) Sigma'^-1: the affine camera makes (pixel, z) jointly gaussian, and
     the largest response along a ray is at the mean of z given the pixel.
@@ -115,8 +125,9 @@ class _Project(torch.autograd.Function):
         tails = [(2,), (), (3,), (2,), (), *([(2,)] if kind.slopes else [])]
         outputs = tuple(means.new_empty((count, *tail)) for tail in tails)
         projection.project(
-            kind, count, _arguments(inputs, optics, kind), _outputs(outputs, kind), device=device_of(means)
-        )
+            kind, count, _arguments(inputs, optics, kind), optics.width, optics.height,
+            _outputs(outputs, kind), device=device_of(means),
+        )  # fmt: skip
         ctx.save_for_backward(*inputs, outputs[3])
         ctx.optics, ctx.kind = optics, kind
         ctx.mark_non_differentiable(outputs[3])

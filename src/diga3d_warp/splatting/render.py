@@ -25,7 +25,7 @@ class Rendering(NamedTuple):
         color: RGB over the background, shape (H, W, 3). Can exceed 1 where colours do.
         alpha: Opacity of each pixel in [0, 1], shape (H, W).
         depth: Expected z along the camera axis [scene units], shape (H, W); 0 where nothing was drawn.
-        projection: Gaussians in the image plane; `projection.extents[:, 0] > 0` tells which were drawn.
+        projection: Gaussians in the image plane; `projection.visible` tells which it may show.
         median_depth: Depth of the gaussian at which transmittance falls below a half [scene units], 0 where
             it never does, shape (H, W); None where the effect is off.
         normals: Mean of the gaussians' normals by weight, in camera space, shape (H, W, 3); shorter than 1
