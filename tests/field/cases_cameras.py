@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import json
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -225,7 +226,7 @@ def points3d_txt_with_colours_as_floats(room: FieldRoom, folder: Path) -> Path:
     return edited(room, folder, "points3D", lambda text: with_float_colors(text, 1.0))
 
 
-@case(Reads(notes=("colours are taken as 0 to 1",), also=same_colors))
+@case(Reads(notes=("colours from 0 to 1,",), also=same_colors))
 def points3d_txt_with_colours_up_to_one(room: FieldRoom, folder: Path) -> Path:
     return edited(room, folder, "points3D", lambda text: with_float_colors(text, 1 / 255))
 
@@ -288,3 +289,33 @@ def colmap_binary_cut(room: FieldRoom, folder: Path) -> Path:
     path = room.colmap(folder) / "sparse" / "0" / "points3D.bin"
     path.write_bytes(path.read_bytes()[:-11])
     return folder
+
+
+def cameras_json(room: FieldRoom, folder: Path, change: Callable[[list[dict]], None]) -> Path:
+    """A splat with an edited cameras.json."""
+    path = room.splat(folder) / "cameras.json"
+    entries = json.loads(path.read_text())
+    change(entries)
+    path.write_text(json.dumps(entries))
+    return folder
+
+
+@case(Refuses(("cameras.json", "two cameras are called 0004", "3DGS leaves out folders")))
+def cameras_json_with_equal_names(room: FieldRoom, folder: Path) -> Path:
+    def rename(entries: list[dict]) -> None:
+        for number, entry in enumerate(entries):
+            entry["img_name"] = f"000{4 + number % 4}"
+
+    return cameras_json(room, folder, rename)
+
+
+@case(Refuses(("cameras.json", "entry 2", "not a rotation")))
+def cameras_json_without_a_rotation(room: FieldRoom, folder: Path) -> Path:
+    return cameras_json(
+        room, folder, lambda entries: entries[2].update(rotation=[[1, 0, 0], [0, 1, 0], [0, 1, 0]])
+    )
+
+
+@case(Refuses(("cameras.json", "entry 0", "width is 'wide', not a number")))
+def cameras_json_with_words(room: FieldRoom, folder: Path) -> Path:
+    return cameras_json(room, folder, lambda entries: entries[0].update(width="wide"))

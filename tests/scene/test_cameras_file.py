@@ -48,10 +48,24 @@ def test_file_of_3dgs_is_read(tmp_path):
     ("change", "said"),
     [
         ({"fx": None}, "entry 0 is not a camera"),
-        ({"fx": float("nan")}, "not finite"),
         ({"rotation": [[1, 0], [0, 1]]}, "entry 0 is not a camera"),
-        ({"split": "validation"}, "'validation' is missing or unknown"),
-        ({"distortion": {"kind": "brown"}}, "'coefficients' is missing"),
+        ({"fx": float("nan")}, "fx is nan, not a number"),
+        ({"width": "wide"}, "width is 'wide', not a number"),
+        ({"height": -48}, "sees nothing"),
+        ({"img_name": None}, "img_name is None, not a name"),
+        ({"img_name": ["a"]}, "not a name"),
+        ({"position": [0, 1]}, r"shapes \(3, 3\) and \(2,\)"),
+        ({"position": "here"}, "position is 'here', not a table of numbers"),
+        ({"position": [0, 0, float("inf")]}, "not finite"),
+        ({"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}, "mirror image"),
+        ({"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 0]]}, "not a rotation"),
+        ({"rotation": [[1, 0, 0], [0, 2, 0], [0, 0, 1]]}, "not a rotation"),
+        ({"k1": 0.1}, "k1 is 0.1, but 3DGS cameras have no lens"),
+        ({"split": "validation"}, "split is 'validation', neither 'train' nor 'test'"),
+        ({"distortion": 3}, "distortion is 3, not a kind"),
+        ({"distortion": {"kind": "brown"}}, "coefficients is missing"),
+        ({"distortion": {"kind": "odd", "coefficients": [0] * 4}}, "lens kind 'odd' is unknown"),
+        ({"distortion": {"kind": "brown", "coefficients": [0] * 3}}, "must be 4 numbers"),
     ],
 )
 def test_broken_entry_is_named(tmp_path, change, said):
@@ -63,6 +77,29 @@ def test_broken_entry_is_named(tmp_path, change, said):
         load_cameras(path)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_numbers_as_text_and_null(tmp_path):
+    path = tmp_path / "cameras.json"
+    save_cameras(path, CameraSet({"a": camera([3.0, 1.0, 2.0])}))
+    (entry,) = json.loads(path.read_text())
+    path.write_text(json.dumps([{**entry, "img_name": 7, "width": "64.0", "cx": None, "cy": None, "k1": 0}]))
+    read = load_cameras(path).train["7"]
+    assert (read.width, read.cx, read.cy) == (64, 32, 24)
+
+
+@pytest.mark.parametrize("split", ["train", "test"])
+def test_two_cameras_of_one_name_are_refused(tmp_path, split):
+    """3DGS names images without their folders, so nothing tells which of two files is meant."""
+    path = tmp_path / "cameras.json"
+    save_cameras(path, CameraSet({"left/a": camera([3.0, 1.0, 2.0])}, {"right/a": camera([2.0, 1.0, 2.0])}))
+    assert len(load_cameras(path).test) == 1
+    entries = json.loads(path.read_text())
+    path.write_text(
+        json.dumps([{**entries[0], "img_name": "a"}, {**entries[1], "img_name": "a", "split": split}])
+    )
+    with pytest.raises(InputError, match=r"cameras\.json: two cameras are called a: 3DGS leaves out folders"):
+        load_cameras(path)
 
 
 def test_broken_file_is_named(tmp_path):

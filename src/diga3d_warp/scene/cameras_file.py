@@ -12,13 +12,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import read_json, write_json
 from diga3d_warp.scene.camera import Camera, Distortion
+from diga3d_warp.scene.entries import Entries, shown
+from diga3d_warp.scene.poses import world_to_camera
 from diga3d_warp.scene.scene import Scene
+
+# Lens coefficients as other programs name them; here a lens is an entry of its own.
+_COEFFICIENTS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 
 
 @dataclass(frozen=True)
@@ -64,11 +68,17 @@ def load_cameras(path: Path) -> CameraSet:
     groups: dict[str, dict[str, Camera]] = {"train": {}, "test": {}}
     for index, entry in enumerate(entries):
         try:
-            groups[entry.get("split", "train")][str(entry["img_name"])] = _camera(entry)
-        except KeyError as error:
-            raise InputError(f"{path}, entry {index}: {error} is missing or unknown: {remedy}") from error
-        except (TypeError, ValueError, AttributeError) as error:
+            if not isinstance(entry, dict):
+                raise InputError(f"it is {shown(entry)}")
+            name, split, camera = _camera(Entries(entry))
+        except InputError as error:
             raise InputError(f"{path}, entry {index} is not a camera ({error}): {remedy}") from error
+        if any(name in group for group in groups.values()):
+            raise InputError(
+                f"{path}: two cameras are called {name}: 3DGS leaves out folders; write the path of each "
+                "image below the image folder as its img_name"
+            )
+        groups[split][name] = camera
     return CameraSet(**groups)
 
 
@@ -87,20 +97,40 @@ def _entry(camera: Camera) -> dict[str, Any]:
     }
 
 
-def _camera(entry: dict[str, Any]) -> Camera:
-    rotation = np.asarray(entry["rotation"], np.float64).T
-    pose = np.eye(4)
-    pose[:3, :3] = rotation
-    pose[:3, 3] = -rotation @ np.asarray(entry["position"], np.float64)
-    lens = entry.get("distortion")
-    width, height = int(entry["width"]), int(entry["height"])
-    return Camera(
+def _camera(entry: Entries) -> tuple[str, str, Camera]:
+    """Name, split and camera of an entry."""
+    name = entry.get("img_name")
+    if isinstance(name, bool) or not isinstance(name, (str, int)) or name == "":
+        raise InputError(f"img_name is {shown(name)}, not a name")
+    split = entry.text("split") or "train"
+    if split not in ("train", "test"):
+        raise InputError(f"split is {shown(split)}, neither 'train' nor 'test'")
+    rotation, position = entry.table("rotation"), entry.table("position")
+    if rotation.shape not in ((3, 3), (9,)) or position.shape != (3,):
+        raise InputError(f"rotation and position have shapes {rotation.shape} and {position.shape}")
+    for coefficient in _COEFFICIENTS:
+        if entry.number(coefficient):
+            raise InputError(f"{coefficient} is {entry.number(coefficient):g}, but 3DGS cameras have no lens")
+    width, height = round(entry.needed("width")), round(entry.needed("height"))
+    cx, cy = entry.number("cx"), entry.number("cy")
+    camera = Camera(
         width=width,
         height=height,
-        fx=float(entry["fx"]),
-        fy=float(entry["fy"]),
-        cx=float(entry.get("cx", width / 2)),
-        cy=float(entry.get("cy", height / 2)),
-        world_to_camera=torch.from_numpy(pose),
-        distortion=Distortion(lens["kind"], tuple(lens["coefficients"])) if lens else None,
+        fx=entry.needed("fx"),
+        fy=entry.needed("fy"),
+        cx=width / 2 if cx is None else cx,
+        cy=height / 2 if cy is None else cy,
+        world_to_camera=torch.from_numpy(world_to_camera(rotation.reshape(3, 3), position)),
+        distortion=_lens(entry.get("distortion")),
     )
+    return str(name), split, camera
+
+
+def _lens(lens: Any) -> Distortion | None:
+    if lens is None:
+        return None
+    if not isinstance(lens, dict):
+        raise InputError(f"distortion is {shown(lens)}, not a kind with coefficients")
+    entries = Entries(lens)
+    kind: Any = entries.text("kind")
+    return Distortion(kind, tuple(entries.table("coefficients").ravel().tolist()))

@@ -16,6 +16,7 @@ from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.colmap_binary import binary_cameras, binary_images, binary_points
 from diga3d_warp.scene.colmap_models import camera_from_model
 from diga3d_warp.scene.colmap_text import text_cameras, text_images, text_points
+from diga3d_warp.scene.point_cloud import eight_bit
 from diga3d_warp.scene.scene import Points
 
 # Length of a pose's quaternion. COLMAP writes unit ones; the rest is room for rounding in text files.
@@ -74,7 +75,7 @@ def read_points(path: Path) -> tuple[Points, list[str]]:
     reader = binary_points if _is_binary(path) else text_points
     records = list(reader(path, _read(path)))
     positions = np.array([record[:3] for record in records], np.float64).reshape(-1, 3)
-    colors, notes = _eight_bit(path, [record[3:] for record in records])
+    colors, notes = _colors(path, [record[3:] for record in records])
     finite = np.isfinite(positions).all(axis=1)
     if not finite.all():
         notes.append(f"{path}: left out {int((~finite).sum())} points with NaN or infinite positions")
@@ -93,15 +94,17 @@ def _read(path: Path) -> bytes:
         raise InputError(f"{path}: not readable ({reason}); copy it again or rerun COLMAP") from None
 
 
-def _eight_bit(path: Path, values: list[tuple[float, ...]]) -> tuple[np.ndarray, list[str]]:
-    """Colours as uint8 (P, 3), and a note where they are not 0 to 255: floats up to 1 are shares of 255."""
-    colors = np.array(values, np.float64).reshape(-1, 3)
-    if not ((colors >= 0.0) & (colors <= 255.0)).all():
-        worst = colors[~((colors >= 0.0) & (colors <= 255.0))][0]
-        raise InputError(f"{path}: a colour is {worst:g}, not 0 to 255; export the points again")
-    shares = any(isinstance(value, float) for row in values for value in row) and colors.max() <= 1.0
-    notes = [f"{path}: colours are taken as 0 to 1"] if shares else []
-    return np.rint(colors * (255.0 if shares else 1.0)).astype(np.uint8), notes
+def _colors(path: Path, values: list[tuple[float, ...]]) -> tuple[np.ndarray, list[str]]:
+    """Colours as uint8 (P, 3), and a note where their range was guessed."""
+    colors = np.array(values, float if any(isinstance(v, float) for row in values for v in row) else int)
+    colors = colors.reshape(-1, 3)
+    wrong = ~(np.isfinite(colors) & (colors >= 0))
+    if wrong.any():
+        raise InputError(f"{path}: a colour is {colors[wrong][0]:g}, not 0 to 255; export the points again")
+    if colors.dtype.kind == "i" and (colors <= 255).all():
+        return colors.astype(np.uint8), []
+    colors, note = eight_bit(colors)
+    return colors, [f"{path}: {note}"] if note else []
 
 
 def _pose(numbers: tuple[float, ...], name: str, path: Path) -> np.ndarray:

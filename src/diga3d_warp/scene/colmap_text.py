@@ -115,7 +115,4 @@ def text_points(path: Path, data: bytes) -> Iterator[tuple[float, ...]]:
 
 
 def _color(text: bytes) -> float:
-    try:
-        return int(text)
-    except ValueError:
-        return float(text)
+    return int(text) if text.isdigit() and len(text) < 9 else float(text)

@@ -40,7 +40,7 @@ def read_points(path: Path) -> tuple[Points, list[str]]:
         colors = np.full((len(positions), 3), GREY, np.uint8)
         notes.append(f"{path.name}: the points have no colours and start grey")
     else:
-        colors, note = _eight_bit(np.stack([vertices[name] for name in names], axis=1))
+        colors, note = eight_bit(np.stack([vertices[name] for name in names], axis=1))
         notes += [f"{path.name}: {note}"] if note else []
     finite = np.isfinite(positions).all(axis=1)
     if not finite.all():
@@ -48,8 +48,8 @@ def read_points(path: Path) -> tuple[Points, list[str]]:
     return Points(positions[finite], colors[finite]), notes
 
 
-def _eight_bit(values: np.ndarray) -> tuple[np.ndarray, str | None]:
-    """Colours as uint8, and what was guessed of their range."""
+def eight_bit(values: np.ndarray) -> tuple[np.ndarray, str | None]:
+    """Colours as uint8, and what was guessed of their range; None where there was nothing to guess."""
     if values.dtype == np.uint8:
         return values, None
     shades = np.nan_to_num(values.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)

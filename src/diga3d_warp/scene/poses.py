@@ -6,15 +6,17 @@ import numpy as np
 
 from diga3d_warp.errors import InputError
 
-# A rotation may be off by this much after passing through text with few digits, unitless.
-_ROTATION_TOLERANCE = 1e-2
+# A rotation may be off by this much after passing through text with few digits, and is exact below the other
+# limit, unitless.
+_ROTATION_TOLERANCE, _EXACT = 1e-2, 1e-12
 
 
 def world_to_camera(rotation: np.ndarray, center: np.ndarray) -> np.ndarray:
     """World-to-camera transform of a camera, shape (4, 4), float64.
 
     Args:
-        rotation: From camera to world, OpenCV axes, shape (3, 3). The nearest rotation is taken.
+        rotation: From camera to world, OpenCV axes, shape (3, 3). The nearest rotation is taken, so one that
+            lost digits in text is one again; one that is exact stays as it is.
         center: Camera centre [scene units], shape (3,).
 
     Raises:
@@ -23,7 +25,7 @@ def world_to_camera(rotation: np.ndarray, center: np.ndarray) -> np.ndarray:
     if not (np.isfinite(rotation).all() and np.isfinite(center).all()):
         raise InputError("the pose holds a number that is not finite; export it again")
     left, stretches, right = np.linalg.svd(rotation)
-    nearest = left @ right
+    nearest = rotation if np.abs(stretches - 1.0).max() < _EXACT else left @ right
     if not np.abs(stretches - 1.0).max() < _ROTATION_TOLERANCE:
         raise InputError("the pose is not a rotation with a translation; export it again")
     if np.linalg.det(nearest) < 0:
