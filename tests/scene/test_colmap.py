@@ -13,7 +13,7 @@ from corner import same_camera
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.camera import Distortion
-from diga3d_warp.scene.colmap import find_reconstruction, read_colmap, write_colmap
+from diga3d_warp.scene.colmap import choose_reconstruction, read_colmap, write_colmap
 from diga3d_warp.scene.colmap_files import read_cameras, read_images, read_points
 from diga3d_warp.scene.colmap_models import MODELS, camera_from_model, parameter_count
 from diga3d_warp.scene.scene import Points
@@ -106,10 +106,10 @@ def test_camera_models_agree_with_pycolmap(tmp_path, corner, model, form):
     sparse.mkdir()
     reconstruction.write_binary(sparse) if form == "bin" else reconstruction.write_text(sparse)
 
-    capture = read_colmap(tmp_path, find_reconstruction(tmp_path))
+    capture = read_colmap(tmp_path, choose_reconstruction(tmp_path).folder)
 
     (shot,) = capture.shots
-    assert shot.key == "left/view one"
+    assert shot.name == "left/view one.jpg"
     expected = Distortion(lens[0], lens[1:]) if lens else None
     same_camera(shot.camera, replace(shot.camera, fx=200.0, fy=fy, cx=119.0, cy=88.0, distortion=expected))
     np.testing.assert_allclose(shot.camera.pose, pose, atol=1e-12)
@@ -139,9 +139,9 @@ def test_what_is_written_is_read_back(tmp_path, corner, lens):
 
     capture = read_colmap(tmp_path, tmp_path / "sparse" / "0")
 
-    assert {shot.key for shot in capture.shots} == set(cameras)
+    assert {shot.name for shot in capture.shots} == {f"{name}.jpg" for name in cameras}
     for shot in capture.shots:
-        same_camera(shot.camera, cameras[shot.key])
+        same_camera(shot.camera, cameras[shot.name.removesuffix(".jpg")])
     np.testing.assert_array_equal(capture.points.positions, corner.points.positions)
     np.testing.assert_array_equal(capture.points.colors, corner.points.colors)
     assert pycolmap.Reconstruction(tmp_path / "sparse" / "0").num_reg_images() == len(cameras)

@@ -32,10 +32,12 @@ class CameraSet:
     Attributes:
         train: Cameras of the fitted views.
         test: Cameras of the held-out views.
+        split: Whether it is known which views were held out; files of 3DGS itself do not say.
     """
 
     train: Mapping[str, Camera]
     test: Mapping[str, Camera] = field(default_factory=dict)
+    split: bool = True
 
     @classmethod
     def of(cls, scene: Scene) -> CameraSet:
@@ -79,7 +81,7 @@ def load_cameras(path: Path) -> CameraSet:
                 "image below the image folder as its img_name"
             )
         groups[split][name] = camera
-    return CameraSet(**groups)
+    return CameraSet(**groups, split=any(entry.get("split") is not None for entry in entries))
 
 
 def _entry(camera: Camera) -> dict[str, Any]:

@@ -3,37 +3,95 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.capture import Capture, Shot, image_folders, image_key, inside
+from diga3d_warp.scene.capture import Capture, Shot
 from diga3d_warp.scene.colmap_files import find_file, read_cameras, read_images, read_points
+from diga3d_warp.scene.folders import walk
+from diga3d_warp.scene.image_names import name_images
+from diga3d_warp.scene.names import listed
 from diga3d_warp.scene.scene import Points
 
 if TYPE_CHECKING:
     import pycolmap
 
 
-# Where COLMAP, nerfstudio and people put a reconstruction, below the scene folder.
-_SPARSE_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0")
+# Levels below the scene folder at which reconstructions are looked for: colmap/sparse/0, dense/0/sparse.
+_DEPTH = 3
 
 
-def find_reconstruction(root: Path) -> Path | None:
-    """The folder below `root` that holds a COLMAP reconstruction with images, or None."""
-    folders = (root / name for name in _SPARSE_FOLDERS)
-    return next((f for f in folders if find_file(f, "cameras") and find_file(f, "images")), None)
+class Reconstruction(NamedTuple):
+    """A COLMAP reconstruction that was chosen.
+
+    Attributes:
+        folder: Where it lies.
+        notes: Why it was chosen, if there was a choice; one line each.
+        others: Those that were not chosen, of the same place.
+    """
+
+    folder: Path
+    notes: Sequence[str] = ()
+    others: Sequence[Path] = ()
+
+
+def choose_reconstruction(root: Path, below: Path | None = None) -> Reconstruction | None:
+    """The COLMAP reconstruction of a scene folder, or None.
+
+    Those of `sparse` come first, then one in the folder itself, as RealityScan writes it, then those of
+    `colmap/sparse`, then others, last those of distorted images, which 3DGS keeps. Of several in one place,
+    the one with the most images is chosen: COLMAP writes one for each part of the images that it could join.
+
+    Args:
+        root: Scene folder.
+        below: Choose among those at and below this folder only.
+    """
+    folders = [
+        here for here, _ in walk(root, _DEPTH) if find_file(here, "cameras") and find_file(here, "images")
+    ]
+    folders = sorted(
+        (f for f in folders if f.is_relative_to(below or root)), key=lambda f: (_place(root, f), f)
+    )
+    together = [folder for folder in folders if _place(root, folder) == _place(root, folders[0])]
+    if len(together) < 2:
+        return Reconstruction(folders[0]) if folders else None
+    sizes = {folder: _registered(folder) for folder in together}
+    chosen = max(together, key=lambda folder: sizes[folder])
+    named = {folder: folder.relative_to(root).as_posix() for folder in together}
+    others = [folder for folder in together if folder != chosen]
+    sizes_of_others = listed([f"{named[folder]} has {sizes[folder]}" for folder in others])
+    note = (
+        f"{root}: {named[chosen]} is read, with {sizes[chosen]} images the largest model: {sizes_of_others}"
+    )
+    return Reconstruction(chosen, [note], others)
+
+
+def _place(root: Path, folder: Path) -> int:
+    parts = [part.lower() for part in folder.relative_to(root).parts]
+    if "distorted" in parts:
+        return 4
+    return {"": 1, "sparse": 0, "colmap": 2}.get(parts[0] if parts else "", 3)
+
+
+def _registered(folder: Path) -> int:
+    """How many images a reconstruction has; none if its file is damaged."""
+    file = find_file(folder, "images")
+    try:
+        return len(read_images(file)) if file else 0
+    except InputError:
+        return 0
 
 
 def read_colmap(root: Path, reconstruction: Path) -> Capture:
     """Read a COLMAP scene.
 
     Args:
-        root: Scene folder with `images` or `images_N`.
+        root: Scene folder with `images` or `images_N`; or else with the images themselves.
         reconstruction: Folder with the cameras, images and points3D files, .bin or .txt; points3D may be
             missing.
 
@@ -46,6 +104,7 @@ def read_colmap(root: Path, reconstruction: Path) -> Capture:
         raise InputError(f"{reconstruction}: the cameras or images file is missing; rerun COLMAP")
     images = read_images(images_file)
     cameras = read_cameras(cameras_file, {number for _, number, _ in images})
+    named = name_images(root, [name for name, _, _ in images], images_file)
     shots = []
     for name, number, pose in images:
         if number not in cameras:
@@ -53,14 +112,13 @@ def read_colmap(root: Path, reconstruction: Path) -> Capture:
                 f"{images_file}: {name!r} was taken with camera {number}, which {cameras_file.name} lacks; "
                 "use the files of one COLMAP run"
             )
-        key = image_key(inside(root, name, images_file))
         try:
-            shots.append(Shot(key, cameras[number].with_pose(pose)))
+            shots.append(Shot(named.names[name], cameras[number].with_pose(pose)))
         except InputError as error:
             raise InputError(f"{images_file}: {name!r}: {error}") from None
     points_file = find_file(reconstruction, "points3D")
     points, notes = read_points(points_file) if points_file else (None, [])
-    return Capture("colmap", shots, image_folders(root), points, notes)
+    return Capture("colmap", shots, named.folders, points, [*named.notes, *notes])
 
 
 def colmap_lens(camera: Camera) -> tuple[str, list[float]]:

@@ -16,6 +16,7 @@ from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.colmap_binary import binary_cameras, binary_images, binary_points
 from diga3d_warp.scene.colmap_models import camera_from_model
 from diga3d_warp.scene.colmap_text import text_cameras, text_images, text_points
+from diga3d_warp.scene.folders import entry
 from diga3d_warp.scene.point_cloud import eight_bit
 from diga3d_warp.scene.scene import Points
 
@@ -24,9 +25,14 @@ _QUATERNION_LENGTHS = (0.5, 2.0)
 
 
 def find_file(folder: Path, stem: str) -> Path | None:
-    """`stem`.bin or else `stem`.txt in a folder, or None."""
-    candidates = (folder / f"{stem}.bin", folder / f"{stem}.txt")
-    return next((path for path in candidates if path.is_file()), None)
+    """`stem`.bin or else `stem`.txt in a folder, in upper or lower case; or None."""
+    candidates = (entry(folder, f"{stem}{suffix}") for suffix in (".bin", ".txt"))
+    return next((path for path in candidates if path is not None and path.is_file()), None)
+
+
+def is_model(folder: Path) -> bool:
+    """Whether a folder holds a reconstruction with images."""
+    return find_file(folder, "cameras") is not None and find_file(folder, "images") is not None
 
 
 def read_cameras(path: Path, used: Collection[int] | None = None) -> dict[int, Camera]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,9 @@ import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.capture import Capture, Shot, image_files, image_folders
+from diga3d_warp.scene.capture import Capture, Shot
 from diga3d_warp.scene.colmap_files import find_file, read_cameras, read_points
+from diga3d_warp.scene.folders import image_folders, images_below
 from diga3d_warp.scene.poses import world_to_camera
 
 
@@ -57,23 +59,35 @@ def _shared_lens(sparse: Path) -> tuple[Camera | None, list[str]]:
     ] * bent
 
 
-def read_llff(root: Path) -> Capture:
+def _complete(files: Sequence[Path], count: int) -> Sequence[Path] | None:
+    """The images that rows belong to: all of a folder, or all of one ending where masks lie beside them."""
+    endings = sorted({file.suffix for file in files})
+    groups = [files, *([file for file in files if file.suffix == ending] for ending in endings)]
+    return next((group for group in groups if len(group) == count), None)
+
+
+def read_llff(root: Path, path: Path) -> Capture:
     """Read an LLFF scene: poses_bounds.npy with images, and lens and points of sparse/0 if they are there.
 
     Poses stay in COLMAP's world, which LLFF does not change, so the points of sparse/0 belong to them.
 
+    Args:
+        root: Scene folder.
+        path: The file.
+
     Raises:
         InputError: the file is damaged, or no image folder holds as many images as it has rows.
     """
-    path = root / "poses_bounds.npy"
     rows = _rows(path)
     folders = image_folders(root)
     # SPIn-NeRF keeps masks in subfolders of the image folders: only the images at the top have rows.
-    keys = {n: [key for key in image_files(folder) if "/" not in key] for n, folder in folders.items()}
+    tops = {
+        n: [file for file in images_below(folder) if file.parent == folder] for n, folder in folders.items()
+    }
     # The rows name no images: only a complete folder tells which row is whose.
-    complete = next((k for k in keys.values() if len(k) == len(rows)), None)
+    complete = next((files for top in tops.values() if (files := _complete(top, len(rows)))), None)
     if complete is None:
-        counts = ", ".join(f"{len(k)} in {folders[factor].name}" for factor, k in keys.items())
+        counts = ", ".join(f"{len(top)} in {folders[factor].name}" for factor, top in tops.items())
         raise InputError(
             f"{path}: {len(rows)} poses but {counts or 'no images'}; rows and images are matched by sorted "
             "order, so restore the missing images"
@@ -81,11 +95,12 @@ def read_llff(root: Path) -> Capture:
     sparse = root / "sparse" / "0"
     lens, notes = _shared_lens(sparse)
     shots = []
-    for key, row in zip(complete, rows, strict=True):
+    for file, row in zip(complete, rows, strict=True):
         try:
-            shots.append(Shot(key, _camera(row, lens)))
+            shots.append(Shot(file.name, _camera(row, lens)))
         except InputError as error:
-            raise InputError(f"{path}: the row of {key}: {error}; run LLFF's imgs2poses again") from None
+            row_of = f"{path}: the row of {file.name}"
+            raise InputError(f"{row_of}: {error}; run LLFF's imgs2poses again") from None
     points_file = find_file(sparse, "points3D")
     points, said = read_points(points_file) if points_file else (None, [])
     return Capture("llff", shots, folders, points, [*notes, *said])

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.capture import image_files, image_key
 from diga3d_warp.scene.decoding import decode, read_bytes
+from diga3d_warp.scene.folders import image_files
+from diga3d_warp.scene.names import image_key, listed
 from diga3d_warp.scene.scene import View
 
 
@@ -195,4 +196,4 @@ def mask_notes(views: Sequence[View], source: Path) -> list[str]:
         ("an empty mask", empty),
         ("a mask that covers everything and is not used", covering),
     )
-    return [f"{len(names)} views have {text}: {', '.join(names)}" for text, names in what if names]
+    return [f"{len(names)} views have {text}: {listed(names)}" for text, names in what if names]

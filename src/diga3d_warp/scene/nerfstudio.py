@@ -7,26 +7,41 @@ transforms_test.json. They name images without their ending and give a field of 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import read_json
-from diga3d_warp.scene.capture import IMAGE_SUFFIXES, Capture, Shot, image_folders, image_key, inside
+from diga3d_warp.scene.capture import Capture, Shot
+from diga3d_warp.scene.decoding import read_header
 from diga3d_warp.scene.entries import Entries
+from diga3d_warp.scene.folders import entry, image_siblings
 from diga3d_warp.scene.formats.read import read_splat_points
 from diga3d_warp.scene.formats.recognise import splat_format
-from diga3d_warp.scene.images import read_image
+from diga3d_warp.scene.image_names import name_images
+from diga3d_warp.scene.names import find_images, inside, leads_outside
 from diga3d_warp.scene.point_cloud import read_points
+from diga3d_warp.scene.split import read_split
 from diga3d_warp.scene.transforms import read_frames
 
+_TRAIN = "transforms_train.json"
 
-def find_transforms(root: Path) -> list[Path]:
-    """The files of a scene folder that name its frames, first those for training; empty if there are none."""
-    if (root / "transforms.json").is_file():
-        return [root / "transforms.json"]
-    split = [root / "transforms_train.json", root / "transforms_test.json"]
-    return [path for path in split if path.is_file()] if split[0].is_file() else []
+
+def find_transforms(root: Path, name: str) -> list[Path]:
+    """The files that name the frames of a scene folder; empty if there are none.
+
+    Args:
+        root: Scene folder.
+        name: "transforms.json"; or "transforms_train.json", which comes with the
+            file of the frames for testing, or else of those for validation, if it is there.
+    """
+    first = entry(root, name)
+    if first is None or not first.is_file():
+        return []
+    if name.lower() != _TRAIN:
+        return [first]
+    others = (entry(root, other) for other in ("transforms_test.json", "transforms_val.json"))
+    return [first, *[path for path in others if path is not None][:1]]
 
 
 def read_nerfstudio(root: Path, paths: Sequence[Path]) -> Capture:
@@ -48,26 +63,33 @@ def read_nerfstudio(root: Path, paths: Sequence[Path]) -> Capture:
         read_frames(root, path, each, lambda file: _size_of(root / file))
         for path, each in zip(paths, contents, strict=True)
     ]
-    files = [frame.file for each in read for frame in each.frames]
-    bases = {file.parts[0] if len(file.parts) > 1 else "" for file in files}
-    base = bases.pop() if len(bases) == 1 else ""
-
-    def key(file: PurePosixPath) -> str:
-        return image_key(file.relative_to(base).as_posix())
-
-    shots = [Shot(key(frame.file), frame.camera, frame.mask) for each in read for frame in each.frames]
-    held_out = frozenset(key(frame.file) for each in read[1:] for frame in each.frames)
-    folders = image_folders(root, base) if base else {1: root}
-    notes = [note for each in read for note in each.notes]
+    written = [[str(Entries(frame).text("file_path")) for frame in each["frames"]] for each in contents]
+    named = name_images(root, [name for each in written for name in each], paths[0], from_root=True)
+    notes = [*named.notes, *(note for each in read for note in each.notes)]
+    shots = [
+        (name, Shot(named.names[name], frame.camera, frame.mask))
+        for names, each in zip(written, read, strict=True)
+        for name, frame in zip(names, each.frames, strict=True)
+    ]
+    held_out: frozenset[str] | None = None
+    if len(read) > 1:
+        held_out = frozenset(named.names[name] for names in written[1:] for name in names)
+    else:
+        split = read_split(paths[0], contents[0], written[0])
+        shots = [(name, shot) for name, shot in shots if name not in split.left_out]
+        held_out = None if split.test is None else frozenset(named.names[name] for name in split.test)
+        notes += split.notes
     points = None
-    if named := _cloud_name(paths[0], contents[0]):
-        cloud = root / inside(root, named, paths[0])
+    if cloud_name := _cloud_name(paths[0], contents[0]):
+        cloud = root / inside(root, cloud_name, paths[0])
+        if leads_outside(cloud_name):
+            notes.append(f"{paths[0]}: {cloud_name!r} leads out of the scene: {cloud} is read")
         if cloud.is_file():
             points, said = read_points(cloud) if splat_format(cloud) is None else read_splat_points(cloud)
             notes += said
         else:
             notes.append(f"{cloud} is missing: points are triangulated instead")
-    return Capture("nerfstudio", shots, folders, points, notes, held_out)
+    return Capture("nerfstudio", [shot for _, shot in shots], named.folders, points, notes, held_out)
 
 
 def _cloud_name(path: Path, contents: Any) -> str | None:
@@ -79,9 +101,8 @@ def _cloud_name(path: Path, contents: Any) -> str | None:
 
 def _size_of(file: Path) -> tuple[int, int] | None:
     """Width and height of an image that may be named without its ending [px]; None if there is none."""
-    named = [file, *(file.with_name(file.name + suffix) for suffix in sorted(IMAGE_SUFFIXES))]
-    found = next((path for path in named if path.is_file()), None)
+    found = find_images([file.name], file.parent, image_siblings(file)).files.get(file.name)
     if found is None:
         return None
-    height, width = read_image(found).shape[:2]
-    return width, height
+    header = read_header(found)
+    return header.width, header.height

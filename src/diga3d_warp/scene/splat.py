@@ -6,12 +6,24 @@ from pathlib import Path
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.cameras_file import load_cameras
-from diga3d_warp.scene.capture import Capture, Shot, image_folders, image_key, inside
+from diga3d_warp.scene.capture import Capture, Shot
+from diga3d_warp.scene.folders import entries
 from diga3d_warp.scene.formats.recognise import FORMATS, find_splats, splat_format
+from diga3d_warp.scene.image_names import name_images
 
 # Files that hold poses, and how far above the splat they may lie: 3DGS writes
 # RUN/point_cloud/iteration_30000/point_cloud.ply and RUN/cameras.json.
-_POSES = ("cameras.json", "transforms.json", "transforms_train.json", "sparse", "poses_bounds.npy")
+_POSES = frozenset(
+    (
+        "cameras.json",
+        "transforms.json",
+        "transforms_train.json",
+        "poses_bounds.npy",
+        "cameras.txt",
+        "cameras.bin",
+    )
+    + ("sparse", "colmap", "keyframes")
+)
 _LEVELS = 3
 
 
@@ -38,6 +50,11 @@ def find_splat(root: Path) -> Path | None:
     return iterations[max(iterations)] if iterations else None
 
 
+def has_poses(folder: Path) -> bool:
+    """Whether a folder holds poses in the usual places, by their names."""
+    return any(path.name.lower() in _POSES for path in entries(folder))
+
+
 def find_cameras_root(splat: Path) -> Path:
     """The folder with the poses of a splat: its own, or one of those above.
 
@@ -46,29 +63,31 @@ def find_cameras_root(splat: Path) -> Path:
     """
     folders = splat.absolute().parents[:_LEVELS]
     for folder in folders:
-        if any((folder / name).exists() for name in _POSES):
+        if has_poses(folder):
             return folder
     raise InputError(f"{splat}: no cameras file; put the cameras.json of its training into {folders[0]}")
 
 
-def read_splat_cameras(root: Path) -> Capture:
+def read_splat_cameras(root: Path, path: Path) -> Capture:
     """Read the cameras.json of a splat.
 
     The photographs are looked for in `images` or `images_N` of the same folder.
 
+    Args:
+        root: Scene folder.
+        path: The file.
+
     Raises:
         InputError: the file is damaged, or the photographs are missing.
     """
-    path = root / "cameras.json"
     cameras = load_cameras(path)
-    shots = [
-        Shot(image_key(inside(root, name, path)), camera)
-        for name, camera in {**cameras.train, **cameras.test}.items()
-    ]
-    folders = image_folders(root)
-    if not folders:
+    every = {**cameras.train, **cameras.test}
+    named = name_images(root, list(every), path)
+    if not named.folders:
         raise InputError(
-            f"{path}: it lists {len(shots)} cameras but {root / 'images'} holds no photographs; "
+            f"{path}: it lists {len(every)} cameras but {root / 'images'} holds no photographs; "
             "copy or link them there"
         )
-    return Capture("splat", shots, folders, None)
+    shots = [Shot(named.names[name], camera) for name, camera in every.items()]
+    held_out = frozenset(named.names[name] for name in cameras.test) if cameras.split else None
+    return Capture("splat", shots, named.folders, None, named.notes, held_out)

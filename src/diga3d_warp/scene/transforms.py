@@ -18,8 +18,8 @@ import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.camera import Camera, Distortion
-from diga3d_warp.scene.capture import inside
 from diga3d_warp.scene.entries import Entries, shown
+from diga3d_warp.scene.names import inside
 from diga3d_warp.scene.poses import affine, without_scale, world_to_camera
 
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0])

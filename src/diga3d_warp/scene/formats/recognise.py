@@ -37,9 +37,10 @@ def splat_format(path: Path) -> str | None:
 
 
 def find_splats(folder: Path) -> list[Path]:
-    """The splat files in a folder, not below it, sorted by name.
+    """The splat files in a folder, not below it, sorted by name; hidden ones are left out.
 
     Raises:
         InputError: a file that ends with .ply is none.
     """
-    return [path for path in sorted(folder.iterdir()) if splat_format(path) is not None]
+    files = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    return [path for path in files if splat_format(path) is not None]
