@@ -53,7 +53,17 @@ def image_key(name: str) -> str:
 def listed(names: Sequence[str]) -> str:
     """Names in one line that can be read."""
     rest = f" and {len(names) - _NAMES_LISTED} more" if len(names) > _NAMES_LISTED else ""
-    return ", ".join(names[:_NAMES_LISTED]) + rest
+    return ", ".join(map(shown, names[:_NAMES_LISTED])) + rest
+
+
+def shown(name: str) -> str:
+    """A name as it can be printed: bytes that are not UTF-8 as Windows means them, no control characters."""
+    raw = _bytes(name)
+    try:
+        text = raw.decode()
+    except UnicodeDecodeError:
+        text = raw.decode(_CODE_PAGES[0], "replace")
+    return "".join(letter if letter.isprintable() and letter != "\ufffd" else "_" for letter in text)
 
 
 def inside(root: Path, name: str, source: Path, folders: Sequence[Path] = ()) -> str:
@@ -199,7 +209,7 @@ def _ending_notes(folder: Path, chosen: Mapping[str, Sequence[str]]) -> list[str
 def _readable(names: Iterable[str]) -> tuple[dict[str, str], str | None]:
     """Names that are not UTF-8 in the code page in which most of them are names of the others, and which."""
     every = set(names)
-    odd = {name for name in every if any("\udc80" <= letter <= "\udcff" for letter in name)}
+    odd = {name for name in every if not is_utf8(name)}
     wanted = {image_key(name).casefold() for name in every - odd}
     best: tuple[int, dict[str, str], str | None] = (0, {}, None)
     for page in _CODE_PAGES:
@@ -211,6 +221,11 @@ def _readable(names: Iterable[str]) -> tuple[dict[str, str], str | None]:
         if hits > best[0]:
             best = (hits, decoded, page)
     return best[1], best[2]
+
+
+def is_utf8(name: str) -> bool:
+    """Whether a name holds no bytes that `surrogateescape` kept."""
+    return not any("\udc80" <= letter <= "\udcff" for letter in name)
 
 
 def _bytes(name: str) -> bytes:
@@ -239,11 +254,6 @@ def view_names(keys: Sequence[str]) -> dict[str, str]:
 
 def _file_name(name: str) -> str:
     """A name that every file system takes: printable, and short enough."""
-    raw = _bytes(name)
-    try:
-        text = raw.decode()
-    except UnicodeDecodeError:
-        text = raw.decode(_CODE_PAGES[0], "replace").replace("\ufffd", "_")
-    text = "".join(letter if letter.isprintable() else "_" for letter in text)
+    text = shown(name)
     short = text.encode()[-_LONGEST_NAME:].decode("utf-8", "ignore")
     return short.lstrip(".") or "_"

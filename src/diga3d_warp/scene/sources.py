@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from diga3d_warp.scene.folders import images_below, walk
 from diga3d_warp.scene.images import choose_folder
-from diga3d_warp.scene.names import UNREAD_IMAGES, find_images, image_key, listed
+from diga3d_warp.scene.names import UNREAD_IMAGES, find_images, image_key, is_utf8, listed
 from diga3d_warp.scene.photo_set import COPIES, likeness
 
 # Pairs of images that are compared, spread over a folder, before two folders are matched by their order.
@@ -133,6 +133,8 @@ def _missing_note(folder: Path, missing: Sequence[str]) -> str:
     stems = {image_key(path.name) for path in unread}
     if any(PurePosixPath(image_key(name)).name in stems for name in missing):
         note += f"; {unread_line(unread)}"
+    elif not any(map(is_utf8, missing)):
+        note += "; their names in the calibration are not UTF-8: rename the images and rerun COLMAP"
     return note
 
 
