@@ -20,7 +20,7 @@ from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.coarse import SEEDS_PER_REFERENCE
 from diga3d_warp.pipelines.free_text import FreeText
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
-from diga3d_warp.priors.editing import edit_views, edited_first
+from diga3d_warp.priors.editing import edit_views
 from diga3d_warp.propagation.references import References
 from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.scene.scene import View
@@ -141,12 +141,12 @@ def grow(
     settings: FitSettings,
     seed: int,
 ) -> Gaussians:
-    """Gaussians where the views edited first show the new object, fitted to all views; the scene stays."""
+    """Gaussians where the references show the new object, fitted to all views; the scene stays."""
 
     def compute(folder: Path) -> None:
         start, coefficients = cleared, cleared.sh.shape[1]
         masks = [stages.mask_of(each.view) for each in imagined]
-        for index in edited_first([torch.from_numpy(mask) for mask in masks], references.indices):
+        for index in references.indices:
             each = imagined[index]
             added = from_image(
                 each.image, each.depth, masks[index], each.view.camera, coefficients, SEEDS_PER_REFERENCE

@@ -27,7 +27,12 @@ from diga3d_warp.gaussians.lift import LiftSettings, object_mask, object_rows, v
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines.method import Method
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.propagation.references import References, check_reference_count, select_references
+from diga3d_warp.propagation.references import (
+    References,
+    check_reference_count,
+    select_references,
+    usable_views,
+)
 from diga3d_warp.propagation.unseen import Background, observe_behind
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
@@ -288,12 +293,31 @@ def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.n
     return backgrounds, depths
 
 
-def choose_references(run: Run, views: Sequence[View], method: Method, seed: int) -> References:
-    """K references by k-means on camera centres, or at random."""
+def choose_references(
+    run: Run, views: Sequence[View], areas: Sequence[np.ndarray], method: Method, seed: int
+) -> References:
+    """K references by k-means on camera centres, or at random, among the views that show what is edited.
+
+    Args:
+        run: Run folder that receives the stage.
+        views: Training views.
+        areas: Where each of them is edited, shape (H, W), bool.
+        method: Number of references, and how they are chosen.
+        seed: Of the choice.
+
+    Raises:
+        InputError: no view is edited anywhere.
+    """
 
     def compute(folder: Path) -> None:
         centers = np.stack([view.camera.center for view in views])
-        chosen = select_references(centers, method.references, seed, method.selection)
+        usable = usable_views(areas)
+        chosen = select_references(centers, method.references, seed, method.selection, usable)
+        if len(chosen.indices) < method.references:
+            run.note(
+                f"{len(chosen.indices)} of {len(views)} views show enough of the object to be references; "
+                f"{method.references} were asked for"
+            )
         names = [views[index].name for index in chosen.indices]
         data = {"indices": chosen.indices, "names": names, "cluster": chosen.cluster.tolist()}
         write_json(folder / "references.json", data)
