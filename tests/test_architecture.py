@@ -14,7 +14,6 @@ PROJECT = Path(__file__).parents[1]
 RANKS = (
     {"errors", "config", "process"},
     {"files", "checkpoints"},
-    {"state"},
     {"kernels", "materials"},
     {"scene"},
     {"splatting"},

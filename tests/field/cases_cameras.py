@@ -118,6 +118,12 @@ def angle_that_disagrees(room: FieldRoom, folder: Path) -> Path:
     return of_each(room, folder, lambda frame: frame.update(camera_angle_x=0.3))
 
 
+@case(Refuses(("4 x 3 px are too few to fit", "use --image-scale 0.15 or more"),
+              command=("fit", "--iterations", "2", "--image-scale", "0.04")))  # fmt: skip
+def image_scale_far_too_small(room: FieldRoom, folder: Path) -> Path:
+    return room.nerfstudio(folder)
+
+
 @case(Reads())
 def sizes_as_text(room: FieldRoom, folder: Path) -> Path:
     return of_each(room, folder, lambda frame: frame.update(w=f"{frame['w']}.0", h=f"{frame['h']}.0"))

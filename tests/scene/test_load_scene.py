@@ -168,6 +168,27 @@ def test_nerfstudio_with_angles_and_images_of_several_sizes(tmp_path, corner):
         same_camera(camera, corner.cameras[name].resized(*size))
 
 
+def test_nerfstudio_with_an_angle_and_smaller_copies_only(tmp_path, corner):
+    corner.write_images(tmp_path / "images_2", scale=0.5)
+    write_cloud(tmp_path / "points.ply", corner)
+    absent = dict.fromkeys(("w", "h", "fl_x", "fl_y", "cx", "cy"))
+    angle = 2 * np.arctan(0.6)
+    write_transforms(tmp_path, corner, ply_file_path="points.ply", camera_angle_x=angle, **absent)
+    (tmp_path / "images_2/view_05.png").write_bytes(b"damaged")
+    scene = load_scene(tmp_path, hold_out=0)
+    assert len(scene.views) == 5
+    for view in scene.views:
+        same_camera(view.camera, corner.cameras[view.name].resized(120, 90))
+
+
+def test_implausible_calibrations_are_noted(tmp_path, corner):
+    corner.write_images(tmp_path / "images")
+    write_cloud(tmp_path / "points.ply", corner)
+    write_transforms(tmp_path, corner, ply_file_path="points.ply", cx=-3.0)
+    (note,) = load_scene(tmp_path).notes
+    assert "the principal point (-3, 90) px lies outside an image of 240 x 180 px" in note
+
+
 def test_llff(tmp_path, corner):
     """Poses by sorted order, calibrated at twice the size of the only images; points without images.bin."""
     corner.write_images(tmp_path / "images_2")

@@ -27,7 +27,7 @@ def read(*frames: dict, sizes=(160, 120), **contents) -> Transforms:
     """Frames of a file with 160 x 120 px and a focal length of 128 px, but for `contents`."""
     given = {"w": 160, "h": 120, "fl_x": 128.0, **contents, "frames": list(frames or [frame()])}
     whole = json.loads(json.dumps({name: value for name, value in given.items() if value is not ...}))
-    return read_frames(Path("scene"), PATH, whole, lambda file: sizes)
+    return read_frames(Path("scene"), PATH, whole, lambda files: dict.fromkeys(files, sizes) if sizes else {})
 
 
 def camera(**contents):
@@ -151,7 +151,9 @@ def test_each_image_has_its_own_size():
     sizes = {"images/a.png": (160, 120), "images/b.png": (120, 160), "images/c.png": None}
     frames = [frame(file_path=name, camera_angle_x=math.pi / 2) for name in sizes]
     contents = {"frames": frames, "w": None}
-    transforms = read_frames(Path("scene"), PATH, contents, lambda file: sizes[str(file)])
+    transforms = read_frames(
+        Path("scene"), PATH, contents, lambda files: {file: sizes[str(file)] for file in files[:2]}
+    )
     found = [
         (each.camera.width, each.camera.height, each.camera.fx, each.camera.cx) for each in transforms.frames
     ]
@@ -305,7 +307,7 @@ def test_what_changes_nothing_is_not_noted():
 )
 def test_contents_of_another_form(contents, match):
     with pytest.raises(InputError, match=match) as caught:
-        read_frames(Path("scene"), PATH, contents, lambda file: (9, 9))
+        read_frames(Path("scene"), PATH, contents, lambda files: {})
     assert str(PATH) in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -339,7 +341,7 @@ def test_any_value_in_any_place_is_read_or_refused():
             for contents in ({"frames": [frame(**{name: value})]}, {"frames": [frame()], name: value}):
                 try:
                     read_frames(
-                        Path("scene"), PATH, {"w": 9, "h": 9, "fl_x": 9.0, **contents}, lambda file: (9, 9)
+                        Path("scene"), PATH, {"w": 9, "h": 9, "fl_x": 9.0, **contents}, lambda files: {}
                     )
                 except InputError as error:
                     assert "\n" not in str(error) and str(error).encode()

@@ -11,6 +11,7 @@ from diga3d_warp.scene.camera import Camera, Distortion
 from diga3d_warp.splatting.reproject import reproject
 
 BROWN = Distortion("brown", (-0.08, 0.02, 0.003, -0.002))
+BROWN5 = Distortion("brown5", (-0.08, 0.02, 0.003, -0.002, 0.04))
 FISHEYE = Distortion("fisheye", (0.03, -0.01, 0.002, 0.0))
 
 
@@ -77,7 +78,7 @@ def warp64(image, depth, source, target):
     return reproject(torch.tensor(image), torch.tensor(depth), source, target)
 
 
-@pytest.mark.parametrize("lens", [None, BROWN, FISHEYE])
+@pytest.mark.parametrize("lens", [None, BROWN, BROWN5, FISHEYE])
 def test_the_same_camera_gives_the_image_back(lens):
     view = camera(lens=lens, shift=(1.0, -2.0, 0.5), turn=(0.1, 0.7, -0.3))
     image = torch.rand(18, 24, 3, generator=torch.Generator().manual_seed(0))

@@ -74,9 +74,8 @@ def fit(
 
 
 def conclude(run: Run, scene: Scene) -> None:
-    """Measure the run on held-out views, where it has any, write its report, and let go of its folder."""
+    """Measure the run on held-out views, where it has any, and write its report."""
     if scene.test_views:
         for table in evaluate(run.folder, "spin-nerf" if scene.ground_truth else "held-out", scene=scene):
             print(table.text())
     write_report(run.folder)
-    run.close()

@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.scene.calibration import calibration_notes, check_sizes, fits
 from diga3d_warp.scene.capture import Capture, Shot
 from diga3d_warp.scene.colmap import read_colmap
 from diga3d_warp.scene.formats.read import read_splat_points
@@ -31,9 +32,6 @@ T = TypeVar("T")
 
 # With fewer views, holding one out costs the fit more than a test is worth.
 _FEWEST_VIEWS_TO_HOLD_OUT = 4
-# An image may differ from its calibration in aspect ratio by this fraction: rounding in images_8 of a
-# 400 px image makes 1 %.
-_ASPECT_TOLERANCE = 0.02
 # Reasons that a refusal for want of photographs gives.
 _REASONS = 4
 
@@ -82,6 +80,7 @@ def load_scene(
     keys = _keys(sources.found)
     photographs, damaged = _read_photographs(sources.found, progress)
     notes = [*found.notes, *capture.notes, *sources.notes, *damaged]
+    notes += calibration_notes({keys[name]: shots[name].camera for name in sources.found})
     if len(photographs) < 2:
         raise InputError(
             f"{root}: a scene needs at least two photographs with poses, not {len(photographs)}; "
@@ -91,6 +90,7 @@ def load_scene(
         keys[name]: _view(shots[name], keys[name], photograph) for name, photograph in photographs.items()
     }
     views = {key: views[key] for key in sorted(views)}
+    check_sizes({key: view.camera for key, view in views.items()}, image_scale)
     held_out = capture.held_out and frozenset(keys[name] for name in capture.held_out if name in keys)
 
     mask_folder = Path(masks) if masks is not None else None
@@ -216,7 +216,7 @@ def _read_photographs(
 def _view(shot: Shot, key: str, photograph: Photograph) -> View:
     height, width = photograph.pixels.shape[:2]
     camera = shot.camera
-    if abs(width * camera.height / (height * camera.width) - 1) > _ASPECT_TOLERANCE:
+    if not fits(camera, width, height):
         raise InputError(
             f"image {key}: {width} x {height} px as read, but calibrated at {camera.width} x "
             f"{camera.height} px; use the photographs of the calibration"

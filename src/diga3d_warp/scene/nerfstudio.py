@@ -7,7 +7,8 @@ transforms_test.json. They name images without their ending and give a field of 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+from contextlib import suppress
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from diga3d_warp.errors import InputError
@@ -15,7 +16,7 @@ from diga3d_warp.files import read_json
 from diga3d_warp.scene.capture import Capture, Shot
 from diga3d_warp.scene.decoding import read_header
 from diga3d_warp.scene.entries import Entries
-from diga3d_warp.scene.folders import entry, image_siblings
+from diga3d_warp.scene.folders import entry, image_folders, image_siblings
 from diga3d_warp.scene.formats.read import read_splat_points
 from diga3d_warp.scene.formats.recognise import splat_format
 from diga3d_warp.scene.image_names import name_images
@@ -60,7 +61,7 @@ def read_nerfstudio(root: Path, paths: Sequence[Path]) -> Capture:
     """
     contents = [read_json(path, "export it again") for path in paths]
     read = [
-        read_frames(root, path, each, lambda file: _size_of(root / file))
+        read_frames(root, path, each, lambda files: _sizes(root, files))
         for path, each in zip(paths, contents, strict=True)
     ]
     written = [[str(Entries(frame).text("file_path")) for frame in each["frames"]] for each in contents]
@@ -99,10 +100,20 @@ def _cloud_name(path: Path, contents: Any) -> str | None:
         raise InputError(f"{path}: {error}") from None
 
 
-def _size_of(file: Path) -> tuple[int, int] | None:
-    """Width and height of an image that may be named without its ending [px]; None if there is none."""
-    found = find_images([file.name], file.parent, image_siblings(file)).files.get(file.name)
-    if found is None:
-        return None
-    header = read_header(found)
-    return header.width, header.height
+def _sizes(root: Path, files: Sequence[PurePosixPath]) -> dict[PurePosixPath, tuple[int, int]]:
+    """Width and height [px] of images that may be named without their ending; those not found are absent.
+
+    Where there are only smaller copies, in `images_N`, it is N times theirs.
+    """
+    sizes: dict[PurePosixPath, tuple[int, int]] = {}
+    for parent in dict.fromkeys(file.parent for file in files):
+        first, *below = parent.parts or (".",)
+        copies = {1: root / first} if first == "." else image_folders(root, first)
+        for factor, copy in copies.items():
+            names = {file.name: file for file in files if file.parent == parent and file not in sizes}
+            folder = copy.joinpath(*below)
+            for name, path in find_images(list(names), folder, image_siblings(folder / "any")).files.items():
+                with suppress(InputError):  # damaged: left out when it is read
+                    header = read_header(path)
+                    sizes[names[name]] = (factor * header.width, factor * header.height)
+    return sizes

@@ -97,7 +97,7 @@ def read_frames(
     root: Path,
     path: Path,
     contents: Any,
-    size_of: Callable[[PurePosixPath], tuple[int, int] | None],
+    sizes_of: Callable[[Sequence[PurePosixPath]], Mapping[PurePosixPath, tuple[int, int]]],
 ) -> Transforms:
     """Read the frames of a file.
 
@@ -105,8 +105,8 @@ def read_frames(
         root: Scene folder, to which paths in the file are relative.
         path: The file, for error lines.
         contents: Its contents.
-        size_of: Width and height of an image [px], which may be named without its ending; None if it is
-            missing. Asked where the file gives no size.
+        sizes_of: From images, which may be named without their ending, to width and height [px] of those that
+            are there. Asked for images whose size the file does not give.
 
     Raises:
         InputError: an entry is missing, of another type, or names a file outside the scene; or the camera
@@ -116,17 +116,19 @@ def read_frames(
     if not isinstance(frames, list) or not frames:
         raise InputError(f"{path}: it lists no frames; export it again")
     files = [_file(root, path, number, frame) for number, frame in enumerate(frames)]
-    sizes = [
-        None if all(Entries(frame, contents).get(name) is not None for name in _SIZE) else size_of(file)
+    without = [
+        file
         for file, frame in zip(files, frames, strict=True)
+        if any(Entries(frame, contents).get(name) is None for name in _SIZE)
     ]
+    sizes = sizes_of(without) if without else {}
     # Frames whose image is missing are left out later; any size will do.
-    usual = next((size for size in sizes if size is not None), None)
+    usual = next(iter(sizes.values()), None)
     read, said = [], Counter[str]()
-    for number, (file, frame, size) in enumerate(zip(files, frames, sizes, strict=True)):
+    for number, (file, frame) in enumerate(zip(files, frames, strict=True)):
         notes: list[str] = []
         try:
-            camera = _camera(frame, contents, size or usual, notes)
+            camera = _camera(frame, contents, sizes.get(file, usual), notes)
             mask = Entries(frame).text("mask_path")
         except InputError as error:
             raise InputError(f"{path}: frame {number}: {error}") from None
