@@ -14,6 +14,7 @@ PROJECT = Path(__file__).parents[1]
 RANKS = (
     {"errors", "config", "process"},
     {"files", "checkpoints"},
+    {"state"},
     {"kernels", "materials"},
     {"scene"},
     {"splatting"},

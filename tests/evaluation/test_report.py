@@ -135,7 +135,7 @@ def test_broken_picture_is_named(toy_run):
     add_views(toy_run.folder, 1)
     path = toy_run.folder / "views" / "after" / "shot 00.png"
     path.write_bytes(path.read_bytes()[:20])
-    with pytest.raises(InputError, match=r"shot 00\.png cannot be decoded"):
+    with pytest.raises(InputError, match=r"shot 00\.png is damaged"):
         write_report(toy_run.folder)
     assert not (toy_run.folder / "report.html").exists()
 

@@ -139,19 +139,61 @@ def test_an_interrupted_fit_ends_with_the_same_bytes(whole, start, targets, tmp_
 def test_an_old_checkpoint_survives_a_kill_while_saving(whole, start, targets, tmp_path, monkeypatch):
     checkpoint = tmp_path / "checkpoint.pt"
     stopped_at(30, monkeypatch, start, targets, seed=3, checkpoint=checkpoint)
-    before, save = checkpoint.read_bytes(), torch.save
+    before = checkpoint.read_bytes()
 
-    def half(state, path) -> None:
-        save(state, path)
-        os.truncate(path, Path(path).stat().st_size // 2)
+    def half(path: Path, data: bytes) -> None:
+        with path.open("wb") as file:
+            file.write(data[: len(data) // 2])
         raise Stop
 
-    monkeypatch.setattr(torch, "save", half)
+    monkeypatch.setattr(Path, "write_bytes", half)
     with pytest.raises(Stop):
         fit(start, targets, 1.0, replace(SETTINGS, checkpoint_seconds=-1.0), seed=3, checkpoint=checkpoint)
     monkeypatch.undo()
     assert checkpoint.read_bytes() == before
     assert same(fit(start, targets, 1.0, SETTINGS, seed=3, checkpoint=checkpoint).gaussians, whole.gaussians)
+
+
+def cut(checkpoint: Path) -> None:
+    os.truncate(checkpoint, checkpoint.stat().st_size // 2)
+
+
+def one_byte_flipped(checkpoint: Path) -> None:
+    data = bytearray(checkpoint.read_bytes())
+    data[len(data) // 2] ^= 255
+    checkpoint.write_bytes(data)
+
+
+def of_another_seed(checkpoint: Path) -> None:
+    state = torch.load(checkpoint, weights_only=True)
+    torch.save({**state, "origin": "another"}, checkpoint)
+
+
+def a_pickle(checkpoint: Path) -> None:
+    checkpoint.write_bytes(b"cos\nsystem\n(S'exit 1'\ntR.")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (cut, "damaged"),
+        (one_byte_flipped, "damaged"),
+        (of_another_seed, "of another fit"),
+        (a_pickle, "damaged"),
+        (lambda checkpoint: checkpoint.write_bytes(b""), "damaged"),
+        (lambda checkpoint: torch.save([1, 2], checkpoint), "damaged"),
+    ],
+)
+def test_an_unusable_checkpoint_is_noted_and_the_fit_begins_anew(
+    whole, start, targets, tmp_path, monkeypatch, spoil, said
+):
+    checkpoint = tmp_path / "checkpoint.pt"
+    stopped_at(30, monkeypatch, start, targets, seed=3, checkpoint=checkpoint)
+    spoil(checkpoint)
+    notes: list[str] = []
+    again = fit(start, targets, 1.0, SETTINGS, seed=3, checkpoint=checkpoint, note=notes.append)
+    assert notes == [f"{checkpoint} is {said}: that stage begins anew"]
+    assert same(again.gaussians, whole.gaussians)
 
 
 def test_a_finished_fit_is_not_repeated(whole, start, targets, tmp_path, monkeypatch):

@@ -26,7 +26,7 @@ def orders(monkeypatch, threads):
         for arrange in (list, reversed):
             shared: list[int] = []
 
-            def share(parts: deque, count: int, arrange=arrange, shared=shared) -> None:
+            def share(parts: deque, arrange=arrange, shared=shared) -> None:
                 for part in arrange(parts):
                     part.launch()
                 shared.append(len(parts))

@@ -25,10 +25,10 @@ from diga3d_warp.pipelines.remove import DISTIL
 from diga3d_warp.pipelines.replace import GROW, ReplaceSettings, replace_object
 from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retexture_object
 from diga3d_warp.pipelines.run import Run
+from diga3d_warp.pipelines.stages import choose_references
 from diga3d_warp.pipelines.stages import picture as picture_of
 from diga3d_warp.priors.named import load_prior
 from diga3d_warp.priors.settings import SamplingSettings
-from diga3d_warp.propagation.references import References
 from tiny_diffusion import write_checkpoint
 
 SAMPLED = replace(PAPER, references=2, sampling=SamplingSettings(steps=2, batch=4))
@@ -199,20 +199,23 @@ def test_the_new_object_starts_on_the_old_ones_surface(cube, removed):
             assert solid.any() and np.array_equal(depth[solid], look["depth"][solid])
 
 
-def test_an_object_that_no_reference_shows_grows_where_it_shows_most(removed, tmp_path):
-    """As it was imagined there, see `edit_views`; without seeds it would be in no view."""
+def test_an_object_that_one_view_shows_grows_there(removed, tmp_path):
+    """References are chosen among the views that show it; without seeds it would be in no view."""
     cleared = Gaussians.load_ply(removed.folder / "stages" / "refit" / "point_cloud.ply")
     views = [view.with_mask(np.zeros_like(view.mask)) for view in removed.scene.views]
     views[4] = removed.scene.views[4]
+    run = Run(tmp_path / "run", "replace", {})
+    references = choose_references(run, views, [view.mask for view in views], SAMPLED, 0)
+    assert references.indices == [4] and not references.cluster.any()
+    notes = json.loads((run.folder / "manifest.json").read_text())["notes"]
+    assert notes == ["1 of 7 views show enough of the object to be references; 2 were asked for"]
     imagined = [
         Imagined(
             view, view.pixels.astype(np.float32) / 255.0, np.full(view.mask.shape, 2.0, np.float32), False
         )
         for view in views
     ]
-    run = Run(tmp_path / "run", "replace", {})
     settings = replace(GROW, iterations=2)
-    references = References([0, 1], np.zeros(len(views), int))
     grown = grow(run, cleared, imagined, references, removed.scene.extent, settings, 0)
     check_first_rows(grown, cleared)
 

@@ -123,7 +123,7 @@ def refused(scene: Scene, folder: Path, match: str, settings: RemoveSettings = S
 def test_no_masks_are_refused_before_anything_is_fitted(removed, tmp_path):
     bare = removed.scene.with_masks([None] * len(removed.scene.views))
     refused(bare, tmp_path / "run", "no view has a mask; put one for each image into .*masks, white on")
-    assert [entry.name for entry in (tmp_path / "run").iterdir()] == ["manifest.json"]
+    assert sorted(entry.name for entry in (tmp_path / "run").iterdir()) == [".lock", "manifest.json"]
 
 
 @pytest.mark.parametrize("count", [0, 8])
@@ -131,7 +131,7 @@ def test_too_many_references_are_refused_before_anything_is_fitted(removed, tmp_
     settings = replace(SETTINGS, method=replace(PAPER, references=count))
     said = f"{count} references cannot be chosen from 7 views: ask for 1 to 7"
     refused(removed.scene, tmp_path / "run", said, settings)
-    assert [entry.name for entry in (tmp_path / "run").iterdir()] == ["manifest.json"]
+    assert sorted(entry.name for entry in (tmp_path / "run").iterdir()) == [".lock", "manifest.json"]
 
 
 @pytest.mark.parametrize(("value", "said"), [(False, "to no gaussian"), (True, "to every gaussian seen")])

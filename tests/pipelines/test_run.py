@@ -11,7 +11,9 @@ import pytest
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.record import MANIFEST, read_manifest, read_metrics
-from diga3d_warp.pipelines.run import PROBE, Run
+from diga3d_warp.files import temporary_name
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.pipelines.run_folder import LOCK
 
 STAGES = ("scene", "fit", "remove")
 STEPS = 4
@@ -116,9 +118,9 @@ def test_stage_that_raises_is_not_finished(tmp_path):
 def test_metrics_of_several_subjects_stand_together(tmp_path):
     run = Run(tmp_path, "fit", {})
     run.add_metrics("fit", {"psnr": 21.5})
-    run.add_metrics("evaluation", {"psnr": None})
-    assert read_metrics(tmp_path) == {"fit": {"psnr": 21.5}, "evaluation": {"psnr": None}}
-    with pytest.raises(ValueError, match="JSON"):
+    run.add_metrics("refit", {"psnr": None})
+    assert read_metrics(tmp_path) == {"fit": {"psnr": 21.5}, "refit": {"psnr": None}}
+    with pytest.raises(InputError, match=r"fit\.psnr is not a finite number"):
         run.add_metrics("fit", {"psnr": float("inf")})
     assert read_metrics(tmp_path)["fit"] == {"psnr": 21.5}
 
@@ -148,7 +150,7 @@ def test_resume_where_nothing_began_starts(tmp_path):
 
 
 def test_run_killed_before_its_manifest_starts_again(tmp_path):
-    (tmp_path / PROBE).write_text('{"comm')
+    temporary_name(tmp_path / MANIFEST).write_text('{"comm')
     Run(tmp_path, "fit", {}, resume=True)
     assert read_manifest(tmp_path)["command"] == "fit"
 
@@ -186,7 +188,7 @@ def test_broken_manifest_is_one_line(tmp_path):
     with pytest.raises(InputError, match="not valid JSON") as error:
         Run(tmp_path, "fit", {}, resume=True)
     assert "\n" not in str(error.value)
-    assert [entry.name for entry in tmp_path.iterdir()] == [MANIFEST]
+    assert {entry.name for entry in tmp_path.iterdir()} == {MANIFEST, LOCK}
 
 
 def test_a_full_disk_ends_a_stage_in_one_line(tmp_path):
@@ -194,6 +196,6 @@ def test_a_full_disk_ends_a_stage_in_one_line(tmp_path):
         raise OSError(28, "No space left on device", str(folder / "big.npy"))
 
     run = Run(tmp_path / "run", "fit", {"seed": 0})
-    with pytest.raises(InputError, match=r"big\.npy.*no space left"):
+    with pytest.raises(InputError, match=r"big\.npy.*disk is full"):
         run.stage("fit", compute)
     assert not (tmp_path / "run" / "stages" / "fit").exists()

@@ -64,11 +64,10 @@ def test_who_attends_to_whom(images, masks):
     assert changed_by(images, masks, 1, [0, 3]) == set()
 
 
-def test_a_reference_that_does_not_show_the_object_is_replaced(images, masks):
-    masks[4][12:26, 36:46] = True
-    alone = edited(images, masks, [2])
-    largest = edited(images, masks, [4])
-    assert all(torch.equal(a, b) for a, b in zip(alone, largest, strict=True))
+def test_a_reference_that_does_not_show_the_object_is_refused(images, masks):
+    """Whoever chose it has other views follow it, in the fine stage, too."""
+    with pytest.raises(InputError, match=r"references \[2\] have no mask"):
+        edited(images, masks, [0, 2])
 
 
 def test_controls_follow_the_windows(images, masks):

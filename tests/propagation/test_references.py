@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.propagation.references import select_references
+from diga3d_warp.propagation.references import References, select_references, usable_views
 
 
 def three_groups():
@@ -58,3 +58,41 @@ def test_more_references_than_views_are_refused(count):
 def test_an_unknown_method_is_refused():
     with pytest.raises(InputError, match="kmeans"):
         select_references(three_groups()[0], 3, method="best")
+
+
+@pytest.mark.parametrize("method", ["kmeans", "random"])
+def test_references_are_views_that_show_what_is_edited(method):
+    """The others still follow the nearest of them."""
+    centers, group = three_groups()
+    usable = group != 1
+    references = select_references(centers, 3, 0, method, usable.tolist())
+    assert len(references.indices) == 3 and all(usable[i] for i in references.indices)
+    nearest = np.linalg.norm(centers[:, None] - centers[references.indices][None], axis=-1).argmin(1)
+    np.testing.assert_array_equal(references.cluster, nearest)
+
+
+def test_few_usable_views_are_all_references():
+    centers, _ = three_groups()
+    references = select_references(centers, 3, 0, usable=[index == 4 for index in range(len(centers))])
+    assert references.indices == [4] and not references.cluster.any()
+    assert isinstance(references, References)
+    with pytest.raises(InputError, match="no view shows anything to edit"):
+        select_references(centers, 3, 0, usable=[False] * len(centers))
+
+
+def test_tips_at_the_border_and_views_of_nothing_else_are_not_usable():
+    def area(rows: int) -> np.ndarray:
+        mask = np.zeros((100, 80), bool)
+        mask[:rows] = True
+        return mask
+
+    assert usable_views([area(40), area(0), area(1), area(20), area(100)]) == [
+        True,
+        False,
+        False,
+        True,
+        False,
+    ]
+    assert usable_views([area(0), area(100)]) == [False, True], "better than none"
+    assert usable_views([area(0), area(0)]) == [False, False]
+    assert usable_views([np.ones((0, 0), bool)][:0]) == []

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 from corner import PLANES
 from test_load_scene import write_transforms
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.scene import sfm
 from diga3d_warp.scene.load import load_scene
-from diga3d_warp.scene.sfm import map_images
+from diga3d_warp.scene.sfm import map_images, triangulate
 
 
 def distance_to_planes(positions: np.ndarray) -> np.ndarray:
@@ -25,8 +27,41 @@ def test_points_are_triangulated_where_there_are_none(tmp_path, corner):
     assert len(scene.points) > 100
     assert np.median(distance_to_planes(scene.points.positions)) < 0.02
     assert scene.notes == (f"the capture has no sparse points: triangulated {len(scene.points)}",)
-    again = load_scene(tmp_path)
-    np.testing.assert_array_equal(again.points.positions, scene.points.positions)
+
+
+@pytest.fixture
+def on_threads(monkeypatch):
+    """Run a function with this many threads for pycolmap and torch."""
+    before = torch.get_num_threads()
+
+    def run(count: int, function, *arguments):
+        extraction = sfm._extraction()
+        extraction.num_threads = count
+        monkeypatch.setattr(sfm, "_extraction", lambda: extraction)
+        torch.set_num_threads(count)
+        return function(*arguments)
+
+    yield run
+    torch.set_num_threads(before)
+
+
+def test_triangulated_points_do_not_depend_on_threads(corner, on_threads):
+    images = {name: corner.images[name] for name in list(corner.cameras)[:4]}
+    cameras = {name: corner.cameras[name] for name in images}
+    first, *others = (on_threads(count, triangulate, images, cameras, False) for count in (1, 2, 4))
+    assert len(first) > 100
+    for other in others:
+        np.testing.assert_array_equal(other.positions, first.positions)
+        np.testing.assert_array_equal(other.colors, first.colors)
+
+
+def test_mapped_poses_do_not_depend_on_threads(corner, on_threads):
+    images = {name: corner.images[name] for name in list(corner.cameras)[:4]}
+    (cameras, points), (again, same) = (on_threads(count, map_images, images, False) for count in (1, 4))
+    assert list(cameras) == list(again) and len(points) > 100
+    for name, camera in cameras.items():
+        np.testing.assert_array_equal(np.asarray(again[name].pose), np.asarray(camera.pose))
+    np.testing.assert_array_equal(same.positions, points.positions)
 
 
 def test_poses_are_recovered_from_photographs(tmp_path, corner):

@@ -42,6 +42,7 @@ from diga3d_warp.scene.cameras_file import load_cameras
 from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.splatting.render import render
+from diga3d_warp.state import read_plane
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -236,9 +237,7 @@ def _used_mask(folder: Path, view: View) -> NDArray[np.bool_] | None:
     path = folder / "masks" / f"{view.name}.png"
     if not path.is_file():
         return view.mask
-    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if mask is None:
-        raise InputError(f"{path} cannot be decoded: delete it to use the mask of the scene")
+    mask = read_plane(path)
     height, width = view.pixels.shape[:2]
     return cv2.resize(mask, (width, height), interpolation=cv2.INTER_NEAREST) > 127
 

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.charts import curve, duration, memory, timeline
 from diga3d_warp.evaluation.page import page, section
 from diga3d_warp.evaluation.protocols import evaluation_tables
 from diga3d_warp.evaluation.record import REPORT, read_manifest, read_metrics
 from diga3d_warp.evaluation.tables import Table
 from diga3d_warp.files import write_text
+from diga3d_warp.state import read_pixels
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -89,8 +89,8 @@ def _tiles(manifest: Mapping[str, Any], metrics: Mapping[str, Any]) -> str:
     if evaluation.get("unmasked_loss_db") is not None:
         tiles.append((f"{evaluation['unmasked_loss_db']:.2f} dB", "lost on unmasked pixels"))
     tiles.append((duration(manifest["seconds"]), "in all"))
-    peaks = [stage["peak_mib"] for stage in manifest["stages"]]
-    if peaks:
+    peaks = [manifest.get("peak_mib", 0), *(stage["peak_mib"] for stage in manifest["stages"])]
+    if any(peaks):
         tiles.append((memory(max(peaks)), "peak memory"))
     cells = "".join(
         f"<div><b>{escape(value)}</b><span class=soft>{escape(label)}</span></div>" for value, label in tiles
@@ -112,7 +112,7 @@ def _comparison(folder: Path, command: str) -> str:
     buttons: list[str] = []
     first = ""
     for name in _spread(names):
-        before, after = (_read(_picture(folder, side, name)) for side in ("before", "after"))
+        before, after = (read_pixels(_picture(folder, side, name)) for side in ("before", "after"))
         ratio = f"{after.shape[1] / after.shape[0]:.4f}"
         sources = embedded(before, LARGE), embedded(after, LARGE)
         if not first:
@@ -140,8 +140,8 @@ def _mask_sheet(folder: Path) -> str:
 
     figures = []
     for name in _spread([n for n in _names(folder / "masks") if _picture(folder, "before", n).is_file()]):
-        picture = _shrunk(_read(_picture(folder, "before", name)), SMALL)
-        mask = _read(folder / "masks" / f"{name}.png")[..., 0]
+        picture = _shrunk(read_pixels(_picture(folder, "before", name)), SMALL)
+        mask = read_pixels(folder / "masks" / f"{name}.png")[..., 0]
         mask = cv2.resize(mask, picture.shape[1::-1], interpolation=cv2.INTER_NEAREST)
         outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         outlined = cv2.drawContours(np.ascontiguousarray(picture), outlines, -1, OUTLINE, 2)
@@ -159,7 +159,7 @@ def _tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
 def _effects(manifest: Mapping[str, Any]) -> str:
     """What the scene called for, and why; nothing for a run that did not ask it."""
     plan = manifest.get("effects")
-    return _table(Table.from_json(plan["table"])) if plan else ""
+    return _table(Table.from_json(plan["table"])) if plan and "table" in plan else ""
 
 
 def _table(table: Table) -> str:
@@ -223,17 +223,6 @@ def _picture(folder: Path, side: str, name: str) -> Path:
 def _spread(names: list[str]) -> list[str]:
     count = min(len(names), MOST_VIEWS)
     return [names[index] for index in np.linspace(0, len(names) - 1, count).round().astype(int)]
-
-
-def _read(path: Path) -> Pixels:
-    import cv2
-
-    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if pixels is None:
-        raise InputError(
-            f"{path} cannot be decoded: delete it, then write the report again with `diga3d eval`"
-        )
-    return pixels[..., ::-1]
 
 
 def _shrunk(pixels: Pixels, side: int) -> Pixels:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import torch
 
 from diga3d_warp.config import Accuracy, Effects
 from diga3d_warp.errors import InputError
-from diga3d_warp.files import whole_file
+from diga3d_warp.gaussians.checkpoint import Unusable, origin_of, read_checkpoint, write_checkpoint
 from diga3d_warp.gaussians.density import DensitySettings, relocate_and_grow, walk
 from diga3d_warp.gaussians.exposure import SETTINGS as EXPOSING
 from diga3d_warp.gaussians.exposure import Exposures, exposed, unexposed
@@ -167,6 +168,7 @@ def fit(
     seed: int = 0,
     held: torch.Tensor | None = None,
     checkpoint: Path | None = None,
+    note: Callable[[str], None] | None = None,
     progress: bool = False,
     label: str = "fit",
 ) -> FitResult:
@@ -185,6 +187,7 @@ def fit(
         seed: Of the order of images and of density control.
         held: Gaussians that keep their values, shape (N,), bool. Those added later are free.
         checkpoint: File to go on from if it exists, and to save to.
+        note: Told if the checkpoint is unusable; the fit then begins anew.
         progress: Show a bar on stderr.
         label: Name of the bar.
 
@@ -196,8 +199,8 @@ def fit(
     if len(gaussians) == 0:
         raise InputError("there are no gaussians to fit: start from one at least")
     fitting = _Fit(gaussians, targets, extent, settings, seed, held, effects)
-    if checkpoint is not None and checkpoint.exists():
-        fitting.load(checkpoint)
+    if checkpoint is not None:
+        fitting.go_on(checkpoint, note)
     saved = time.monotonic()
     bar = trange(
         fitting.iteration, settings.iterations, initial=fitting.iteration, total=settings.iterations,
@@ -222,7 +225,7 @@ class _Fit:
         self, gaussians, targets, extent, settings: FitSettings, seed: int, held, effects: Effects = Effects()
     ) -> None:
         self.settings, self.effects, self.extent = settings, effects, extent
-        self.held = held
+        self.held, self.seed = held, seed
         self.targets = list(targets)
         self.coarse = [target.halved() for target in targets] if settings.coarse_part > 0.0 else []
         self.optimiser = GaussianAdam(gaussians, settings.rates, extent)
@@ -366,6 +369,14 @@ class _Fit:
 
     _PLAIN = ("iteration", "order", "curve", "recent", "seconds", "pull", "shown", "last_shown")
 
+    @cached_property
+    def origin(self) -> str:
+        """Digest of what this fit starts from; needed before the first step."""
+        settings = replace(self.settings, checkpoint_seconds=0.0)
+        sizes = [(target.camera.width, target.camera.height) for target in self.targets]
+        start = [*self.optimiser.tensors.values(), *([] if self.held is None else [self.held])]
+        return origin_of((settings, self.effects, self.extent, self.seed, sizes), start)
+
     def save(self, path: Path) -> None:
         """Write a checkpoint through a temporary file."""
         state: dict[str, Any] = {name: getattr(self, name) for name in self._PLAIN}
@@ -373,12 +384,26 @@ class _Fit:
         state["optimiser"] = self.optimiser.state_dict()
         if self.exposures:
             state["exposures"] = self.exposures.transforms
-        with whole_file(path) as partial:
-            torch.save(state, partial)
+        write_checkpoint(path, state, self.origin)
+
+    def go_on(self, path: Path, note: Callable[[str], None] | None) -> None:
+        """Go on from a checkpoint if there is one that is usable."""
+        assert self.origin  # known from here on: `save` would find other gaussians
+        if not path.exists():
+            return
+        try:
+            self.load(path)
+        except Unusable as unusable:
+            if note is not None:
+                note(f"{path} is {unusable}: that stage begins anew")
 
     def load(self, path: Path) -> None:
-        """Go on from a checkpoint."""
-        state = torch.load(path, weights_only=True)
+        """Go on from a checkpoint.
+
+        Raises:
+            Unusable: it is damaged or of another fit.
+        """
+        state = read_checkpoint(path, self.origin)
         for name in self._PLAIN:
             setattr(self, name, state[name])
         self.generator.set_state(state["generator"])

@@ -6,6 +6,7 @@ Invariants
 - Two indices never write to the same cell. On CPU `wp.atomic_add` is a plain addition: two threads adding
   to one cell would lose counts. Sums go through rows of their own, added in a fixed order; results therefore
   do not depend on the number of threads.
+- Any Python thread may launch, set the number of threads, or fork at any time: results stay the same.
 - No kernel here relies on NaN or infinity being absent: the floating-point flags allow fused
   multiply-add and reordered sums, never `-ffast-math`, which would turn the guards against 0/0 into lies.
 """
@@ -16,7 +17,7 @@ import copy
 import os
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import pairwise
@@ -55,19 +56,68 @@ SERIAL_BELOW = 2048
 """Indices under which one range runs on the calling thread: waking a worker costs about 50 us, as much as a
 light kernel needs for this many indices."""
 
-_pool: ThreadPoolExecutor | None = None
 _timings: list[tuple[str, float]] | None = None
-_thread_count = 0
-_first_use = Lock()
+
+
+class Workers:
+    """The threads that help with launches, made when the first launch needs them.
+
+    Attributes:
+        count: Threads of a launch, the calling one among them.
+    """
+
+    def __init__(self) -> None:
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        self.count = cores or 1
+        self._pool: ThreadPoolExecutor | None = None
+        self._lock = Lock()
+
+    def set_count(self, count: int) -> None:
+        """Use so many threads from now on. Launches that run keep the threads that they have."""
+        with self._lock:
+            retired, self._pool = self._pool, None
+            self.count = count
+        if retired is not None:
+            retired.shutdown(wait=False)
+
+    def run(self, work: Callable[[], None]) -> None:
+        """Run `work` on all threads at once, and return when all have finished.
+
+        A helper that has not started when this thread has finished is called off: work that is shared is
+        done by then.
+        """
+        with self._lock:  # a pool that is retired takes no more work
+            if self._pool is None and self.count > 1:
+                self._pool = ThreadPoolExecutor(self.count - 1, "warp")
+            helpers = [self._pool.submit(work) for _ in range(self.count - 1)] if self._pool else []
+        try:
+            work()
+        finally:
+            for helper in helpers:
+                if not helper.cancel():
+                    helper.result()
+
+
+_workers = Workers()
+_recording = Lock()
+"""Warp loads and compiles a kernel when its first launch is recorded, on one thread at a time."""
+
+
+def _after_fork() -> None:
+    """A forked process has no thread but the one that forked, and maybe locks that others held."""
+    global _workers, _recording
+    count = _workers.count
+    _workers, _recording = Workers(), Lock()
+    _workers.count = count
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 def thread_count() -> int:
     """Number of threads a CPU launch may use; at first the cores this process may run on."""
-    with _first_use:
-        if _thread_count == 0:
-            cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-            set_thread_count(cores or 1)
-    return _thread_count
+    return _workers.count
 
 
 def set_thread_count(count: int) -> None:
@@ -76,13 +126,9 @@ def set_thread_count(count: int) -> None:
     Raises:
         ValueError: `count` is below one.
     """
-    global _pool, _thread_count
     if count < 1:
         raise ValueError(f"thread count must be at least 1, not {count}")
-    if _pool is not None:
-        _pool.shutdown()
-    _pool = ThreadPoolExecutor(count - 1, "warp") if count > 1 else None
-    _thread_count = count
+    _workers.set_count(count)
 
 
 def launch(
@@ -117,18 +163,19 @@ def launch(
     started = time.perf_counter()
     device = wp.get_device(device)
     zero = [0] if adjoint else []
-    whole = wp.launch(
-        kernel, dim, inputs=[0, *inputs], outputs=list(outputs),
-        adj_inputs=zero + list(adj_inputs), adj_outputs=list(adj_outputs), adjoint=adjoint,
-        device=device, record_tape=False, record_cmd=True,
-    )  # fmt: skip
+    with _recording:
+        whole = wp.launch(
+            kernel, dim, inputs=[0, *inputs], outputs=list(outputs),
+            adj_inputs=zero + list(adj_inputs), adj_outputs=list(adj_outputs), adjoint=adjoint,
+            device=device, record_tape=False, record_cmd=True,
+        )  # fmt: skip
     threads = thread_count() if device.is_cpu else 1
     if threads == 1 or dim * work < SERIAL_BELOW:
         whole.launch()
     else:
         count = min(dim, threads * (UNEVEN_RANGES if uneven else 1))
         edges = [dim * k // count for k in range(count + 1)]
-        _share(deque(_part(whole, start, end) for start, end in pairwise(edges)), threads)
+        _share(deque(_part(whole, start, end) for start, end in pairwise(edges)))
     if _timings is not None:
         name = kernel.key.rpartition("__")[2]  # of a factory's kernel: FACTORY__locals__NAME
         name = f"{name} adjoint" if adjoint else name
@@ -147,7 +194,7 @@ def _part(whole: wp.Launch, start: int, end: int) -> wp.Launch:
     return part
 
 
-def _share(parts: deque[wp.Launch], threads: int) -> None:
+def _share(parts: deque[wp.Launch]) -> None:
     """Run all parts, each on the thread that is free first, this one among them."""
 
     def drain() -> None:
@@ -158,11 +205,7 @@ def _share(parts: deque[wp.Launch], threads: int) -> None:
                 return
             part.launch()
 
-    assert _pool is not None
-    helpers = [_pool.submit(drain) for _ in range(threads - 1)]
-    drain()
-    for helper in helpers:
-        helper.result()
+    _workers.run(drain)
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.marking import Marks
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.scene import Scene, View
+from diga3d_warp.state import read_mask
 
 SHEET = "mask_sheet.png"
 
@@ -92,7 +93,7 @@ def carry_masks(run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: L
     run.publish(folder / SHEET, SHEET)
 
     def read(view: View) -> View:
-        return view.with_mask(stages.read_mask(folder / f"{view.name}.png"))
+        return view.with_mask(read_mask(folder / f"{view.name}.png"))
 
     return replace(
         scene, views=[read(view) for view in scene.views], test_views=[read(v) for v in scene.test_views]

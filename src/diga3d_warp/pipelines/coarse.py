@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from diga3d_warp.files import to_bytes, write_image
+from diga3d_warp.files import to_bytes, write_arrays, write_image
 from diga3d_warp.gaussians.fit import FitSettings, Target, fit
 from diga3d_warp.gaussians.initialise import from_image
 from diga3d_warp.gaussians.parameters import Gaussians
@@ -21,6 +21,7 @@ from diga3d_warp.propagation.fill import Fill, carry, fill_references
 from diga3d_warp.propagation.references import References
 from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.scene.scene import View
+from diga3d_warp.state import read_arrays, read_picture
 
 SEEDS_PER_REFERENCE = 12_000
 """Most gaussians put on what one reference invented: a tenth of a 504 x 378 image at two thirds of its
@@ -133,8 +134,8 @@ def refit(
             start = start.joined(added)
         result = fit(
             start, targets_of(cleared.views, backgrounds, fills), extent, settings, effects=run.effects,
-            seed=seed, held=cleared.held(len(start)), checkpoint=folder / "checkpoint.pt", progress=True,
-            label="refit",
+            seed=seed, held=cleared.held(len(start)), checkpoint=folder / "checkpoint.pt", note=run.note,
+            progress=True, label="refit",
         )  # fmt: skip
         stages.keep_fit(run, folder, result)
 
@@ -144,7 +145,7 @@ def refit(
 def _keep(folder: Path, views: Sequence[View], fills: Sequence[Fill]) -> None:
     for view, fill in zip(views, fills, strict=True):
         write_image(folder / f"{view.name}.png", fill.image)
-        np.savez_compressed(
+        write_arrays(
             folder / f"{view.name}.npz",
             depth=fill.depth, filled=fill.filled, invented=fill.invented, missing=fill.missing,
         )  # fmt: skip
@@ -154,6 +155,6 @@ def read_fills(folder: Path, views: Sequence[View]) -> list[Fill]:
     """The fills of a stage's folder, one a view."""
     fills = []
     for view in views:
-        with np.load(folder / f"{view.name}.npz") as planes:
-            fills.append(Fill(image=stages.read_picture(folder / f"{view.name}.png"), **planes))
+        planes = read_arrays(folder / f"{view.name}.npz")
+        fills.append(Fill(image=read_picture(folder / f"{view.name}.png"), **planes))
     return fills

@@ -74,8 +74,9 @@ def fit(
 
 
 def conclude(run: Run, scene: Scene) -> None:
-    """Measure the run on held-out views, where it has any, and write its report."""
+    """Measure the run on held-out views, where it has any, write its report, and let go of its folder."""
     if scene.test_views:
         for table in evaluate(run.folder, "spin-nerf" if scene.ground_truth else "held-out", scene=scene):
             print(table.text())
     write_report(run.folder)
+    run.close()

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 import torch
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.files import read_json, to_bytes, write_image, write_json
+from diga3d_warp.files import to_bytes, write_array, write_image, write_json
 from diga3d_warp.gaussians.fit import FitSettings, Target, fit
 from diga3d_warp.gaussians.initialise import from_image
 from diga3d_warp.gaussians.parameters import Gaussians
@@ -20,13 +21,20 @@ from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.coarse import SEEDS_PER_REFERENCE
 from diga3d_warp.pipelines.free_text import FreeText
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
-from diga3d_warp.priors.editing import edit_views, edited_first
+from diga3d_warp.priors.editing import edit_views
 from diga3d_warp.propagation.references import References
 from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.render import render
+from diga3d_warp.state import read_array, read_picture, read_state
 
 MEASURED = "measured.json"
+
+
+class Measured(TypedDict):
+    """In `MEASURED`: for each view, whether its depth was estimated."""
+
+    measured: list[bool]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +104,7 @@ def imagine(
             write_image(folder / f"{view.name}.png", image.numpy())
 
     folder = run.stage("imagine", compute)
-    return [stages.read_picture(folder / f"{view.name}.png") for view in views]
+    return [read_picture(folder / f"{view.name}.png") for view in views]
 
 
 def measure(
@@ -121,13 +129,13 @@ def measure(
             measured.append(depth is not None)
             if depth is None:
                 depth = np.where(sight.mask, sight.depth, behind.numpy())
-            np.save(folder / f"{view.name}.npy", depth.astype(np.float32))
+            write_array(folder / f"{view.name}.npy", depth.astype(np.float32))
         write_json(folder / MEASURED, {"measured": measured})
 
     folder = run.stage("measure", compute)
-    measured = read_json(folder / MEASURED, "run again")["measured"]
+    measured = read_state(folder / MEASURED, Measured)["measured"]
     return [
-        Imagined(view, image, np.load(folder / f"{view.name}.npy"), known)
+        Imagined(view, image, read_array(folder / f"{view.name}.npy"), known)
         for view, image, known in zip(views, images, measured, strict=True)
     ]
 
@@ -141,12 +149,12 @@ def grow(
     settings: FitSettings,
     seed: int,
 ) -> Gaussians:
-    """Gaussians where the views edited first show the new object, fitted to all views; the scene stays."""
+    """Gaussians where the references show the new object, fitted to all views; the scene stays."""
 
     def compute(folder: Path) -> None:
         start, coefficients = cleared, cleared.sh.shape[1]
         masks = [stages.mask_of(each.view) for each in imagined]
-        for index in edited_first([torch.from_numpy(mask) for mask in masks], references.indices):
+        for index in references.indices:
             each = imagined[index]
             added = from_image(
                 each.image, each.depth, masks[index], each.view.camera, coefficients, SEEDS_PER_REFERENCE
@@ -154,8 +162,8 @@ def grow(
             start = start.joined(added)
         result = fit(
             start, [each.target for each in imagined], extent, settings, effects=run.effects, seed=seed,
-            held=torch.arange(len(start)) < len(cleared), checkpoint=folder / "checkpoint.pt", progress=True,
-            label="grow",
+            held=torch.arange(len(start)) < len(cleared), checkpoint=folder / "checkpoint.pt", note=run.note,
+            progress=True, label="grow",
         )  # fmt: skip
         stages.keep_fit(run, folder, result)
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 import re
 import sys
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import psutil
+
+import diga3d_warp
+
 PACKAGES = {
-    "diga3d_warp": "diga3d-warp",
     "warp": "warp-lang",
     "torch": "torch",
     "numpy": "numpy",
@@ -23,16 +28,19 @@ PACKAGES = {
 
 MIB = 1024 * 1024
 
+PROC = Path("/proc")
+"""Where Linux tells of processes, memory and processor; absent elsewhere."""
+
 
 def package_versions() -> dict[str, str]:
-    """Version of Python and of each package that can change a result; "missing" if it is not installed."""
-    versions = {"python": platform.python_version()}
-    for name, distribution in PACKAGES.items():
-        try:
-            versions[name] = version(distribution)
-        except PackageNotFoundError:
-            versions[name] = "missing"
-    return versions
+    """Version of Python, of this code, and of each package that can change a result.
+
+    A package that is not installed is "missing". The version of this code ends with a digest of its files,
+    which tells two states of one version apart.
+    """
+    code = f"{_version('diga3d-warp')}+{_code_digest()}"
+    installed = {name: _version(distribution) for name, distribution in PACKAGES.items()}
+    return {"python": platform.python_version(), "diga3d_warp": code, **installed}
 
 
 def describe_machine() -> dict[str, Any]:
@@ -40,18 +48,14 @@ def describe_machine() -> dict[str, Any]:
     return {
         "processor": _processor(),
         "cores": core_count(),
-        "memory_mib": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // MIB,
+        "memory_mib": psutil.virtual_memory().total // MIB,
         "system": platform.platform(),
     }
 
 
 def available_mib() -> int:
-    """Memory that programs can still take [MiB]; all of it where the system does not say (not Linux)."""
-    try:
-        found = re.search(r"MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text())
-    except OSError:
-        found = None
-    return int(found[1]) // 1024 if found else describe_machine()["memory_mib"]
+    """Memory that programs can still take without swapping [MiB]."""
+    return psutil.virtual_memory().available // MIB
 
 
 def core_count() -> int:
@@ -64,7 +68,7 @@ def core_count() -> int:
 def reset_peak() -> None:
     """Let `peak_mib` count from now on, where the system can (Linux); elsewhere it counts from the start."""
     try:
-        Path("/proc/self/clear_refs").write_text("5")
+        (PROC / "self" / "clear_refs").write_text("5", encoding="ascii")
     except OSError:
         return
 
@@ -72,20 +76,41 @@ def reset_peak() -> None:
 def peak_mib() -> int:
     """Largest resident memory of this process since `reset_peak` [MiB]."""
     try:
-        status = Path("/proc/self/status").read_text()
+        status = (PROC / "self" / "status").read_text(encoding="utf-8", errors="replace")
     except OSError:
-        import resource
-
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        return peak // (MIB if sys.platform == "darwin" else 1024)
+        status = ""
     found = re.search(r"VmHWM:\s+(\d+) kB", status)
-    assert found, "Linux reports VmHWM"
-    return int(found[1]) // 1024
+    return int(found[1]) // 1024 if found else _peak_since_start()
+
+
+def _peak_since_start() -> int:
+    if sys.platform == "win32":
+        return psutil.Process().memory_info().peak_wset // MIB
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak // (MIB if sys.platform == "darwin" else 1024)
+
+
+def _version(distribution: str) -> str:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return "missing"
+
+
+@cache
+def _code_digest() -> str:
+    """Digest of the source files of this package."""
+    root, digest = Path(diga3d_warp.__file__).parent, hashlib.blake2b(digest_size=4)
+    for file in sorted(root.rglob("*.py")):
+        digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()
 
 
 def _processor() -> str:
     try:
-        found = re.search(r"model name\s*:\s*(.+)", Path("/proc/cpuinfo").read_text())
+        found = re.search(r"model name\s*:\s*(.+)", (PROC / "cpuinfo").read_text(encoding="utf-8"))
     except OSError:
         found = None
     return found[1] if found else platform.processor() or platform.machine()

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from diga3d_warp.config import Effects
-from diga3d_warp.files import to_bytes, write_image
+from diga3d_warp.files import to_bytes, write_array, write_image
 from diga3d_warp.gaussians.fit import FitSettings, Target, fit
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.kernels.harmonics import C0
@@ -27,6 +27,7 @@ from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.render import render
+from diga3d_warp.state import read_array, read_picture, read_plane
 
 
 @dataclass(frozen=True)
@@ -134,25 +135,25 @@ def place_object(
             image, depth, edited, alpha = _composed(scene, placed, shadow, view, stand, effects)
             write_image(folder / "masks" / f"{view.name}.png", stages.mask_of(view) | edited)
             write_image(folder / f"{view.name}.png", image)
-            np.save(folder / f"{view.name}.npy", depth)
+            write_array(folder / f"{view.name}.npy", depth)
             if effects.background:
                 write_image(folder / f"{view.name}.alpha.png", alpha)
         dark, shaded = _darkened(scene, shadow, settings)
         added = placed.gaussians(pixel_width(sights), dark.sh.shape[1])
         dark.joined(added).save_ply(folder / stages.GAUSSIANS, antialiased=run.effects.antialias)
         held = np.concatenate([~shaded, np.zeros(len(added), bool)])
-        np.save(folder / "held.npy", held)
-        np.save(folder / "blocking.npy", blocking.numpy())
+        write_array(folder / "held.npy", held)
+        write_array(folder / "blocking.npy", blocking)
 
     folder = run.stage("place", compute)
     targets = []
     for view in views:
-        pixels = to_bytes(stages.read_picture(folder / f"{view.name}.png"))
-        depth = torch.from_numpy(np.load(folder / f"{view.name}.npy"))
-        alpha = stages.read_plane(folder / f"{view.name}.alpha.png") if run.effects.background else None
+        pixels = to_bytes(read_picture(folder / f"{view.name}.png"))
+        depth = torch.from_numpy(read_array(folder / f"{view.name}.npy"))
+        alpha = read_plane(folder / f"{view.name}.alpha.png") if run.effects.background else None
         target = Target(view.camera, torch.from_numpy(pixels), depth=depth, alpha=stages.tensor_of(alpha))
         targets.append(target)
-    held = torch.from_numpy(np.load(folder / "held.npy"))
+    held = torch.from_numpy(read_array(folder / "held.npy"))
     return Staged(Gaussians.load_ply(folder / stages.GAUSSIANS, every_row=True), held, targets)
 
 
@@ -162,7 +163,8 @@ def settle(run: Run, staged: Staged, extent: float, settings: FitSettings, seed:
     def compute(folder: Path) -> None:
         result = fit(
             staged.gaussians, staged.targets, extent, settings, effects=run.effects, seed=seed,
-            held=staged.held, checkpoint=folder / "checkpoint.pt", progress=True, label="settle",
+            held=staged.held, checkpoint=folder / "checkpoint.pt", note=run.note,
+            progress=True, label="settle",
         )  # fmt: skip
         stages.keep_fit(run, folder, result)
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from diga3d_warp.config import Effects
-from diga3d_warp.files import to_bytes, write_image
+from diga3d_warp.files import to_bytes, write_arrays, write_image
 from diga3d_warp.gaussians.density import spread_out
 from diga3d_warp.gaussians.fit import FitSettings, Target, fit
 from diga3d_warp.gaussians.lift import lifted_colors, object_share
@@ -24,6 +24,7 @@ from diga3d_warp.propagation.references import References
 from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.render import render
+from diga3d_warp.state import read_arrays, read_picture, read_plane
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ def look_at_object(run: Run, views: Sequence[View], source: Gaussians, rows: tor
             write_image(folder / f"{view.name}.png", sight.image)
             if sight.alpha is not None:
                 write_image(folder / f"{view.name}.alpha.png", sight.alpha)
-            np.savez_compressed(
+            write_arrays(
                 folder / f"{view.name}.npz",
                 own=sight.own, share=sight.share, depth=sight.depth, scene_depth=sight.scene_depth,
             )  # fmt: skip
@@ -59,10 +60,10 @@ def look_at_object(run: Run, views: Sequence[View], source: Gaussians, rows: tor
     folder = run.stage("look", compute)
     sights = []
     for view in views:
-        alpha = stages.read_plane(folder / f"{view.name}.alpha.png") if run.effects.background else None
-        with np.load(folder / f"{view.name}.npz") as planes:
-            image = stages.read_picture(folder / f"{view.name}.png")
-            sights.append(Sight(camera=view.camera, image=image, alpha=alpha, **planes))
+        alpha = read_plane(folder / f"{view.name}.alpha.png") if run.effects.background else None
+        planes = read_arrays(folder / f"{view.name}.npz")
+        image = read_picture(folder / f"{view.name}.png")
+        sights.append(Sight(camera=view.camera, image=image, alpha=alpha, **planes))
     return sights
 
 
@@ -99,7 +100,7 @@ def repaint(
             write_image(folder / f"{view.name}.png", sight.repainted(painted))
 
     folder = run.stage("repaint", compute)
-    return [stages.read_picture(folder / f"{view.name}.png") for view in views]
+    return [read_picture(folder / f"{view.name}.png") for view in views]
 
 
 def recolour(
@@ -115,7 +116,7 @@ def recolour(
         held = torch.arange(len(painted)) < len(rest)
         result = fit(
             painted, targets_of(sights, images), extent, settings, effects=run.effects, seed=seed, held=held,
-            checkpoint=folder / "checkpoint.pt", progress=True, label="refit",
+            checkpoint=folder / "checkpoint.pt", note=run.note, progress=True, label="refit",
         )  # fmt: skip
         stages.keep_fit(run, folder, result)
 

@@ -168,7 +168,9 @@ def take_out(
     rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
     cleared = stages.clear_object(run, views, source, rows, settings.lift)
     backgrounds, depths = stages.look_behind(run, cleared)
-    references = stages.choose_references(run, cleared.views, method, seed)
+    unseen = [at.unseen for at in backgrounds]
+    holes = unseen if any(hole.any() for hole in unseen) else [stages.mask_of(view) for view in views]
+    references = stages.choose_references(run, views, holes, method, seed)
     fills = coarse.fill_views(run, cleared.views, backgrounds, depths, references, prior, method, seed)
     fills = coarse.propagate(run, cleared.views, backgrounds, depths, fills, references, prior, method, seed)
     edited = coarse.refit(run, cleared, backgrounds, fills, references, scene.extent, settings.refit, seed)
@@ -177,7 +179,7 @@ def take_out(
     assert isinstance(prior, DiffusionPrior), "check_method refuses others"
     refined = fine.distil(
         run, edited, cleared.held(len(edited)), coarse.targets_of(views, backgrounds, fills),
-        [at.unseen for at in backgrounds], references, prior, prior.guidance, method.distillation,
+        unseen, references, prior, prior.guidance, method.distillation,
         scene.extent, settings.distil, seed, known=[at.image for at in backgrounds],
     )  # fmt: skip
     return TakenOut(refined, source, rows, scene, views, references, "distil")

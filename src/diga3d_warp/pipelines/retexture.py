@@ -129,7 +129,7 @@ def retexture_object(
     scene = carrying.carry_masks(run, scene, source, marks, settings.lift)
     rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
     sights = recolouring.look_at_object(run, views, source, rows)
-    references = stages.choose_references(run, views, method, seed)
+    references = stages.choose_references(run, views, [sight.touched for sight in sights], method, seed)
     images = recolouring.repaint(run, views, sights, references, repainter, seed)
     edited = recolouring.recolour(
         run, source, rows, sights, images, scene.extent, settings.refit, settings.split, seed

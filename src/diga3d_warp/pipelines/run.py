@@ -2,35 +2,35 @@
 
 A stage writes into `stages/.NAME.partial` and is renamed to `stages/NAME` when it is done. What a killed
 stage left in its partial folder stays, so that it can go on from its own checkpoint. Renaming a folder is
-atomic, so `stages/NAME` exists exactly if the stage is finished; its seconds and memory lie inside it.
+atomic, so `stages/NAME` exists exactly if the stage is finished.
 """
 
 from __future__ import annotations
 
 import os
+import platform
 import shlex
 import shutil
 import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from diga3d_warp.config import Effects
-from diga3d_warp.errors import InputError
+from diga3d_warp.errors import InputError, explained, out_of_memory
 from diga3d_warp.evaluation.record import MANIFEST, add_metrics, read_manifest
-from diga3d_warp.files import cannot_write, read_json, sync, whole_file, write_json
+from diga3d_warp.files import whole_file, write_json
+from diga3d_warp.pipelines import run_folder, stage_folder
 from diga3d_warp.pipelines.machine import describe_machine, package_versions, peak_mib, reset_peak
+from diga3d_warp.state import STAGES, compute_again
 
-PROBE = ".manifest.partial.json"
-"""What a process killed at its very start may leave: the manifest's temporary name (see `files`)."""
-
-TIMING = "stage.json"
-"""Seconds and memory of a stage, inside its folder, so that they become final together with it."""
+if TYPE_CHECKING:
+    from filelock import FileLock
 
 
 class Run:
-    """A run folder being filled.
+    """A run folder being filled, by this process alone.
 
     Attributes:
         folder: Where everything goes.
@@ -38,6 +38,8 @@ class Run:
         settings: Everything that the result depends on, as JSON data; a path in it is absolute.
         effects: What its stages simulate; `stages.begin` decides.
     """
+
+    _held: FileLock | None = None
 
     def __init__(
         self, folder: Path, command: str, settings: Mapping[str, Any], *, resume: bool = False
@@ -52,25 +54,27 @@ class Run:
             resume: Go on with the run in `folder`; where none has begun, begin one.
 
         Raises:
-            InputError: the folder cannot be written, holds other things or another run, or the run in it was
-                begun with other settings.
+            InputError: the folder cannot be written, holds other things or another run, belongs to the
+                capture, is in use by another process, or is damaged; or the run in it was begun with other
+                settings.
         """
         self.folder = folder
         self.command = command
         self.effects = Effects()
         self.settings = {key: _json_value(value) for key, value in settings.items()}
         self._began = time.perf_counter()
-        _make_writable(folder)
-        begun = (folder / MANIFEST).exists()
-        if begun and not resume:
-            raise InputError(
-                f"{folder} already holds a run: add --resume to go on with it, or choose another --out"
-            )
+        if settings.get("scene"):
+            masks = settings.get("masks")
+            run_folder.check_apart(folder, Path(settings["scene"]), Path(masks) if masks else None)
+        run_folder.make_writable(folder)
+        self._check_place(resume)
+        unlocked = self._lock()
+        begun = self._check_place(resume)  # another process may have begun or ended meanwhile
         if begun:
             self._manifest = read_manifest(folder)
             self._check_same_run()
+            run_folder.refuse_links(folder)
         else:
-            _check_empty(folder)
             if resume:
                 say(f"nothing to resume in {folder}: starting")
             self._manifest = {
@@ -85,7 +89,12 @@ class Run:
                 "notes": [],
             }
         self._earlier_seconds = float(self._manifest["seconds"])
+        self._manifest["process"] = {"number": os.getpid(), "host": platform.node()}
+        self._manifest["reading_mib"] = max(peak_mib(), self._manifest.get("reading_mib", 0))
         self._write_manifest()
+        say(f"reading: peak memory {peak_mib()} MiB")
+        if unlocked:
+            self.note(unlocked)
         if begun:
             self._note_other_versions()
 
@@ -99,16 +108,24 @@ class Run:
 
         Returns:
             The folder of the finished stage.
+
+        Raises:
+            InputError: what an earlier process left of the stage is damaged, or the system refuses a file or
+                memory. What the stage has done so far stays.
         """
-        done = self.folder / "stages" / name
+        done = self.folder / STAGES / name
+        partial = done.with_name(f".{name}.partial")
+        for place in (done, partial):
+            if place.exists() and not place.is_dir():
+                raise InputError(f"{place} is no folder: {compute_again(place)}")
         if done.is_dir():
             say(f"{name}: finished earlier")
+            timing = stage_folder.take_up(done)
         else:
-            partial = done.with_name(f".{name}.partial")
             resumed = partial.is_dir()
             say(f"{name}: going on" if resumed else name)
-            self._compute(compute, partial, done, resumed)
-        timing = read_json(done / TIMING, f"delete {done} and use --resume to compute it again")
+            timing = self._compute(compute, partial, done, resumed)
+            say(f"{name}: {timing['seconds']:.1f} s, peak memory {timing['peak_mib']} MiB")
         others = [stage for stage in self._manifest["stages"] if stage["name"] != name]
         self._manifest["stages"] = [*others, {"name": name, **timing}]
         self._write_manifest()
@@ -129,6 +146,7 @@ class Run:
     def publish(self, source: Path, name: str) -> Path:
         """Copy a stage's product to `name` in the run folder."""
         target = self.folder / name
+        run_folder.refuse_link_above(target, self.folder)
         with whole_file(target) as partial:
             shutil.copyfile(source, partial)
         return target
@@ -137,27 +155,68 @@ class Run:
         """Put measured figures into metrics.json under `subject`."""
         add_metrics(self.folder, subject, figures)
 
-    def _compute(self, compute: Callable[[Path], None], partial: Path, done: Path, resumed: bool) -> None:
-        partial.mkdir(parents=True, exist_ok=True)
+    def close(self) -> None:
+        """Let other processes have the folder."""
+        if self._held is not None:
+            self._held.release()
+            self._held = None
+
+    def __del__(self) -> None:
+        self.close()
+
+    def _lock(self) -> str | None:
+        """Keep other processes out; what to note where the file system cannot."""
+        try:
+            self._held = run_folder.hold(self.folder)
+        except (OSError, NotImplementedError):
+            return f"{self.folder} cannot be locked: let no second process use it"
+        return None
+
+    def _check_place(self, resume: bool) -> bool:
+        """Whether a run has begun in the folder."""
+        if not (self.folder / MANIFEST).exists():
+            run_folder.check_empty(self.folder)
+            return False
+        if not resume:
+            raise InputError(
+                f"{self.folder} already holds a run: add --resume to go on with it, or choose another --out"
+            )
+        return True
+
+    def _compute(
+        self, compute: Callable[[Path], None], partial: Path, done: Path, resumed: bool
+    ) -> stage_folder.Timing:
+        self._note_peak()
         reset_peak()
         start = time.perf_counter()
         try:
+            partial.mkdir(parents=True, exist_ok=True)
             compute(partial)
-        except OSError as error:
-            raise cannot_write(Path(error.filename or partial), error) from error
-        timing = {
-            "seconds": round(time.perf_counter() - start, 3),
-            "peak_mib": peak_mib(),
-            "resumed": resumed,
-        }
-        write_json(partial / TIMING, timing)
-        sync(partial)
-        partial.rename(done)
-        say(f"{done.name}: {timing['seconds']:.1f} s, peak memory {timing['peak_mib']} MiB")
+            timing = stage_folder.Timing(
+                seconds=round(time.perf_counter() - start, 3), peak_mib=peak_mib(), resumed=resumed
+            )
+            stage_folder.finish(partial, done, timing)
+        except Exception as error:
+            if lacking := out_of_memory(error):
+                raise InputError(
+                    f"stage {done.name}: {lacking}: close other programs and go on with --resume, or begin "
+                    "anew with a smaller --image-scale"
+                ) from error
+            if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
+                raise explained(error, self._owns, partial) from error
+            raise
+        return timing
+
+    def _owns(self, path: Path) -> bool:
+        return path.absolute().is_relative_to(self.folder.absolute())
+
+    def _note_peak(self) -> None:
+        self._manifest["peak_mib"] = max(peak_mib(), self._manifest.get("peak_mib", 0))
 
     def _write_manifest(self) -> None:
         seconds = self._earlier_seconds + time.perf_counter() - self._began
         self._manifest["seconds"] = round(seconds, 3)
+        self._note_peak()
         write_json(self.folder / MANIFEST, self._manifest)
 
     def _check_same_run(self) -> None:
@@ -211,24 +270,3 @@ def _json_value(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_json_value(item) for item in value]
     return value
-
-
-def _make_writable(folder: Path) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder} is a file: choose a folder for --out")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        # Permission bits do not tell of read-only file systems, nor what root may do: only writing does.
-        probe = folder / PROBE
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise cannot_write(folder, error) from error
-
-
-def _check_empty(folder: Path) -> None:
-    foreign = sorted(entry.name for entry in folder.iterdir() if entry.name != PROBE)
-    if foreign:
-        raise InputError(
-            f"{folder} holds no run, but other things ({foreign[0]}): choose a new or empty folder for --out"
-        )

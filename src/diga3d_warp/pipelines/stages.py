@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 import torch
@@ -18,8 +19,8 @@ from diga3d_warp.config import Effects
 from diga3d_warp.effects.plan import EffectsPlan, plan_effects
 from diga3d_warp.effects.prices import priced
 from diga3d_warp.errors import InputError
-from diga3d_warp.evaluation.record import CAMERAS, RESULT, SOURCE
-from diga3d_warp.files import read_json, to_bytes, write_image, write_json
+from diga3d_warp.evaluation.record import CAMERAS, RESULT, SOURCE, CurveRecord, EffectsRecord
+from diga3d_warp.files import to_bytes, write_array, write_image, write_json
 from diga3d_warp.gaussians.exposure import evened
 from diga3d_warp.gaussians.fit import FitResult, FitSettings, Target, fit
 from diga3d_warp.gaussians.initialise import initialise
@@ -27,7 +28,12 @@ from diga3d_warp.gaussians.lift import LiftSettings, object_mask, object_rows, v
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines.method import Method
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.propagation.references import References, check_reference_count, select_references
+from diga3d_warp.propagation.references import (
+    References,
+    check_reference_count,
+    select_references,
+    usable_views,
+)
 from diga3d_warp.propagation.unseen import Background, observe_behind
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
@@ -36,12 +42,21 @@ from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.splatting.render import render
 from diga3d_warp.splatting.shade import coefficient_count
+from diga3d_warp.state import read_array, read_mask, read_picture, read_plane, read_state
 
 GAUSSIANS = RESULT
 LIFT = "lift"
 CURVE = "curve.json"
 PLAN = "plan.json"
 EXPOSURES = "exposures.npy"
+
+
+class ReferencesRecord(TypedDict):
+    """Which views stand for which, see `propagation.references.References`."""
+
+    indices: list[int]
+    names: list[str]
+    cluster: list[int]
 
 
 @dataclass(frozen=True)
@@ -108,7 +123,7 @@ def begin(run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = N
         drawn = splat or initialise(scene.points)
         write_json(folder / PLAN, priced(plan, drawn, scene.views[0].camera).as_json())
 
-    data = read_json(run.stage("effects", compute) / PLAN, "run again")
+    data = read_state(run.stage("effects", compute) / PLAN, EffectsRecord)
     plan = EffectsPlan.from_json(data)
     run.effects = plan.effects
     run.record("effects", data)
@@ -137,7 +152,7 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
         coefficients = coefficient_count(run.effects.sh_degree)
         result = fit(
             initialise(scene.points, coefficients), targets, scene.extent, settings, effects=run.effects,
-            seed=seed, checkpoint=folder / "checkpoint.pt", progress=True,
+            seed=seed, checkpoint=folder / "checkpoint.pt", note=run.note, progress=True,
         )  # fmt: skip
         keep_fit(run, folder, result)
 
@@ -154,7 +169,7 @@ def even_exposure(run: Run, scene: Scene) -> Scene:
     file = run.folder / "stages" / "fit" / EXPOSURES
     if not file.exists():
         return scene
-    transforms = torch.from_numpy(np.load(file))
+    transforms = torch.from_numpy(read_array(file))
     views = [
         replace(view, pixels=evened(view.pixels, transform, view.alpha))
         for view, transform in zip(scene.views, transforms, strict=True)
@@ -221,10 +236,10 @@ def lift_object(
             if mask is None:
                 mask = object_mask(source, view.camera, rows, settings, run.effects)
             write_image(folder / "masks" / f"{view.name}.png", widened(mask, masking))
-        np.save(folder / "object.npy", rows.numpy())
+        write_array(folder / "object.npy", rows)
 
     folder = run.stage(LIFT, compute)
-    return torch.from_numpy(np.load(folder / "object.npy")), with_lifted_masks(run, scene.views)
+    return torch.from_numpy(read_array(folder / "object.npy")), with_lifted_masks(run, scene.views)
 
 
 def with_lifted_masks(run: Run, views: Sequence[View]) -> list[View]:
@@ -250,11 +265,11 @@ def clear_object(
         left = source.select(~rows)
         near = vote(left, [view.camera for view in views], [mask_of(view) for view in views], run.effects)
         left.save_ply(folder / GAUSSIANS, antialiased=run.effects.antialias)
-        np.save(folder / "free.npy", (near.share > settings.free_share).numpy())
+        write_array(folder / "free.npy", near.share > settings.free_share)
         write_json(folder / "counts.json", {"object": int(rows.sum()), "left": int((~rows).sum())})
 
     folder = run.stage("clear", compute)
-    free = torch.from_numpy(np.load(folder / "free.npy"))
+    free = torch.from_numpy(read_array(folder / "free.npy"))
     return Cleared(Gaussians.load_ply(folder / GAUSSIANS, every_row=True), free, list(views))
 
 
@@ -275,7 +290,8 @@ def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.n
             write_image(folder / f"{view.name}.unseen.png", background.unseen)
             if background.alpha is not None:
                 write_image(folder / f"{view.name}.alpha.png", background.alpha)
-            np.save(folder / f"{view.name}.depth.npy", np.where(alpha > 0.5, depth, 0.0).astype(np.float32))
+            surface = np.where(alpha > 0.5, depth, 0.0).astype(np.float32)
+            write_array(folder / f"{view.name}.depth.npy", surface)
 
     folder = run.stage("look-behind", compute)
     backgrounds, depths = [], []
@@ -284,22 +300,41 @@ def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.n
         image = read_picture(folder / f"{view.name}.png")
         alpha = None if view.alpha is None else read_plane(folder / f"{view.name}.alpha.png")
         backgrounds.append(Background(unseen, image, mask_of(view) & ~unseen, alpha))
-        depths.append(np.load(folder / f"{view.name}.depth.npy"))
+        depths.append(read_array(folder / f"{view.name}.depth.npy"))
     return backgrounds, depths
 
 
-def choose_references(run: Run, views: Sequence[View], method: Method, seed: int) -> References:
-    """K references by k-means on camera centres, or at random."""
+def choose_references(
+    run: Run, views: Sequence[View], areas: Sequence[np.ndarray], method: Method, seed: int
+) -> References:
+    """K references by k-means on camera centres, or at random, among the views that show what is edited.
+
+    Args:
+        run: Run folder that receives the stage.
+        views: Training views.
+        areas: Where each of them is edited, shape (H, W), bool.
+        method: Number of references, and how they are chosen.
+        seed: Of the choice.
+
+    Raises:
+        InputError: no view is edited anywhere.
+    """
 
     def compute(folder: Path) -> None:
         centers = np.stack([view.camera.center for view in views])
-        chosen = select_references(centers, method.references, seed, method.selection)
+        usable = usable_views(areas)
+        chosen = select_references(centers, method.references, seed, method.selection, usable)
+        if len(chosen.indices) < method.references:
+            run.note(
+                f"{len(chosen.indices)} of {len(views)} views show enough of the object to be references; "
+                f"{method.references} were asked for"
+            )
         names = [views[index].name for index in chosen.indices]
         data = {"indices": chosen.indices, "names": names, "cluster": chosen.cluster.tolist()}
         write_json(folder / "references.json", data)
 
     folder = run.stage("references", compute)
-    data = read_json(folder / "references.json", "run again")
+    data = read_state(folder / "references.json", ReferencesRecord)
     return References(data["indices"], np.array(data["cluster"]))
 
 
@@ -353,7 +388,7 @@ def widened(mask: np.ndarray, settings: MaskSettings) -> np.ndarray:
 def fitted(run: Run, name: str, compute: Callable[[Path], None]) -> Gaussians:
     """Run a stage that ends with `keep_fit`, and show its curve in the report."""
     folder = run.stage(name, compute)
-    run.add_metrics(name, read_json(folder / CURVE, "run again"))
+    run.add_metrics(name, dict(read_state(folder / CURVE, CurveRecord)))
     return Gaussians.load_ply(folder / GAUSSIANS, every_row=True)
 
 
@@ -362,7 +397,7 @@ def keep_fit(run: Run, folder: Path, result: FitResult) -> None:
     result.gaussians.save_ply(folder / GAUSSIANS, antialiased=run.effects.antialias)
     write_json(folder / CURVE, {"curve": result.curve})
     if result.exposures is not None:
-        np.save(folder / EXPOSURES, result.exposures.numpy())
+        write_array(folder / EXPOSURES, result.exposures)
     (folder / "checkpoint.pt").unlink(missing_ok=True)
 
 
@@ -375,28 +410,3 @@ def mask_of(view: View) -> np.ndarray:
     """The mask of a view that has one, shape (H, W), bool."""
     assert view.mask is not None
     return view.mask
-
-
-def read_picture(path: Path) -> np.ndarray:
-    """A stage's picture as RGB in [0, 1], shape (H, W, 3), float32."""
-    import cv2
-
-    return _decoded(path, cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)).astype(np.float32) / 255.0
-
-
-def read_plane(path: Path) -> np.ndarray:
-    """A stage's picture of one channel, shape (H, W), uint8."""
-    import cv2
-
-    return _decoded(path, cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
-
-
-def read_mask(path: Path) -> np.ndarray:
-    """A stage's mask, shape (H, W), bool."""
-    return read_plane(path) > 127
-
-
-def _decoded(path: Path, pixels: np.ndarray | None) -> np.ndarray:
-    if pixels is None:
-        raise InputError(f"{path} cannot be decoded: delete {path.parent} and use --resume")
-    return pixels

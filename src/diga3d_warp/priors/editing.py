@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import torch
 
+from diga3d_warp.errors import InputError
 from diga3d_warp.priors.conditioning import Guidance
 from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.priors.settings import SamplingSettings
@@ -42,8 +43,7 @@ def edit_views(
         masks: True where to edit, shape (H, W), bool, one for each image. A view without a mask stays.
         guidance: What the masked part shall show.
         settings: How to sample.
-        references: Indices of the views that all others attend to, in their order. Those without a mask are
-            left out; if that leaves none, the view with the largest mask takes their place.
+        references: Indices of the views that all others attend to, in their order; each has a mask.
         controls: Edges and depth to follow, for all views.
         say: Told time and memory before each turn.
         progress: Called after each timestep with how many are done and how many there are, over all turns.
@@ -52,13 +52,16 @@ def edit_views(
         The views in their order, shape (H, W, 3), float32 in [0, 1]; unmasked pixels are exactly those given.
 
     Raises:
-        InputError: no view has a mask, or one covers all of its view.
+        InputError: no view has a mask, a reference has none, or a mask covers all of its view.
     """
     settings = settings or SamplingSettings()
     windows = Windows.around(masks, prior)
     parts, holes = windows.cut(images), windows.cut(masks)
     followed = [replace(control, shown=windows.cut(control.shown)) for control in controls]
-    first = [windows.views.index(index) for index in edited_first(masks, references)]
+    unmasked = [index for index in references if index not in windows.views]
+    if unmasked:
+        raise InputError(f"references {unmasked} have no mask: choose them among the views that are edited")
+    first = [windows.views.index(index) for index in references]
     others = [k for k in range(len(parts)) if k not in first]
     turns = [[k] for k in first] + ([others] if others else [])
     # What removal goes away from, with nothing said about it: an image in which some object stands.
@@ -84,12 +87,6 @@ def edit_views(
         for k, part in list(zip(rows, edited, strict=True))[len(before) :]:
             parts[k] = part  # those before would be decoded once more, and drift
     return windows.put_back(images, parts)
-
-
-def edited_first(masks: Sequence[torch.Tensor], references: Sequence[int]) -> list[int]:
-    """Views that all others attend to: references with a mask or, without any, the one with the largest."""
-    shown = [index for index in references if bool(masks[index].any())]
-    return shown or [max(range(len(masks)), key=lambda index: int(masks[index].sum()))]
 
 
 def _counting(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,6 +14,11 @@ from diga3d_warp.errors import InputError
 RESTARTS = 10
 """K-means runs from different starts; the best is kept, since a single run may end in a poor split. 10 is
 scikit-learn's customary number (`n_init`)."""
+
+
+LEAST_SHOWN = 0.05
+"""Least part of the largest edited area that a reference shows [1]: an object at four times the distance has
+a sixteenth; less is a tip of it at the border of the image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +49,7 @@ def select_references(
     count: int = 3,
     seed: int = 0,
     method: Literal["kmeans", "random"] = "kmeans",
+    usable: Sequence[bool] | None = None,
 ) -> References:
     """Choose reference views from the camera centres.
 
@@ -55,24 +62,48 @@ def select_references(
         count: Number of references K.
         seed: Same seed, same references.
         method: How to choose.
+        usable: Which views may be references, N of them, from `usable_views`; all if None. If these are fewer
+            than K, each of them is one.
 
     Raises:
-        InputError: there are fewer views than references, no reference is asked for, or the method is
-            unknown.
+        InputError: there are fewer views than references, no reference is asked for, no view is usable, or
+            the method is unknown.
     """
     centers = np.asarray(centers, np.float64)
     check_reference_count(count, len(centers))
+    among = np.arange(len(centers)) if usable is None else np.flatnonzero(np.asarray(usable, bool))
+    if len(among) == 0:
+        raise InputError("no view shows anything to edit: mask an object that the views show")
+    count = min(count, len(among))
     generator = np.random.default_rng(seed)
     if method == "kmeans":
-        indices = _nearest_to_means(centers, count, generator)
+        indices = among[_nearest_to_means(centers[among], count, generator)]
     elif method == "random":
-        indices = generator.choice(len(centers), count, replace=False)
+        indices = among[generator.choice(len(among), count, replace=False)]
     else:
         raise InputError(f"reference method {method!r} is unknown: use 'kmeans' or 'random'")
     cluster = _distances(centers, centers[indices]).argmin(1)
     cluster[indices] = np.arange(count)  # cameras at one place: each reference stands for itself
     order = np.argsort(-np.bincount(cluster, minlength=count), kind="stable")
     return References([int(i) for i in indices[order]], np.argsort(order)[cluster])
+
+
+def usable_views(areas: Sequence[np.ndarray]) -> list[bool]:
+    """Which views can be references: those that show enough of what is edited, and something around it.
+
+    A reference in which next to nothing is edited has nothing for others to follow; one that shows nothing
+    else has nothing to start from.
+
+    Args:
+        areas: Where each view is edited, shape (H, W), bool.
+
+    Returns:
+        One for each view; none is usable only if no view is edited.
+    """
+    shares = np.array([area.mean() for area in areas])
+    usable = (shares >= LEAST_SHOWN * shares.max(initial=0.0)) & (shares > 0.0)
+    open_views = usable & (shares < 1.0)
+    return (open_views if open_views.any() else usable).tolist()
 
 
 def _nearest_to_means(centers: np.ndarray, count: int, generator: np.random.Generator) -> np.ndarray:

@@ -1,4 +1,9 @@
-"""Structure from motion through pycolmap: points where poses are known, poses where only images are."""
+"""Structure from motion through pycolmap: points where poses are known, poses where only images are.
+
+The same photographs give the same bytes, on any number of threads: images are numbered by name, features are
+found in each image alone, matches are exact (`matching`), every random search has a seed, points are added in
+one thread, and they come out in the order of the features of which they were made.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.scene import matching
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.colmap import posed_reconstruction
 from diga3d_warp.scene.colmap_models import camera_from_model
@@ -78,13 +84,7 @@ def triangulate(images: Mapping[str, np.ndarray], cameras: Mapping[str, Camera],
             for image in reconstruction.images.values():
                 tables.write_image(image, use_image_id=True)
         pycolmap.extract_features(database, folder / "images", extraction_options=_extraction())
-        pairs = folder / "pairs.txt"
-        pairs.write_text("\n".join(f"{a} {b}" for a, b in _neighbours(sized)))
-        pycolmap.match_image_pairs(
-            database,
-            pairing_options=pycolmap.ImportedPairingOptions(match_list_path=pairs),
-            verification_options=_verification(),
-        )
+        _match(folder, database, _neighbours(sized))
         output = folder / "points"
         output.mkdir()
         found = pycolmap.triangulate_points(
@@ -116,8 +116,9 @@ def map_images(images: Mapping[str, np.ndarray], progress: bool) -> tuple[dict[s
         # agree.
         pycolmap.import_images(database, folder / "images", camera_mode=mode)
         pycolmap.extract_features(database, folder / "images", extraction_options=_extraction())
-        match = pycolmap.match_exhaustive if len(images) <= BUDGET.exhaustive else pycolmap.match_sequential
-        match(database, verification_options=_verification())
+        names = sorted(key + _SUFFIX for key in images)
+        few = len(names) <= BUDGET.exhaustive
+        _match(folder, database, matching.all_pairs(names) if few else matching.film_pairs(names))
         output = folder / "models"
         output.mkdir()
         options = _mapping()
@@ -188,19 +189,24 @@ def _extraction() -> pycolmap.FeatureExtractionOptions:
     return options
 
 
-def _verification() -> pycolmap.TwoViewGeometryOptions:
+def _match(folder: Path, database: Path, pairs: Sequence[matching.Pair]) -> None:
+    """Match pairs of images and verify each pair by its geometry."""
     import pycolmap
 
+    with pycolmap.Database.open(database) as tables:
+        matching.match_pairs(tables, pairs)
+    listed = folder / "pairs.txt"
+    listed.write_text("\n".join(f"{a} {b}" for a, b in pairs), encoding="utf-8")
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed = BUDGET.seed
-    return options
+    pycolmap.verify_matches(database, listed, options)
 
 
 def _mapping() -> pycolmap.IncrementalPipelineOptions:
     import pycolmap
 
     options = pycolmap.IncrementalPipelineOptions()
-    options.random_seed = options.mapper.random_seed = BUDGET.seed
+    options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = BUDGET.seed
     # Several threads add observations in any order, and no two runs agree; one is as fast on small images.
     options.num_threads = options.mapper.num_threads = 1
     # Small captures make a model too; COLMAP wants 10 images.
@@ -239,7 +245,12 @@ def _neighbours(cameras: Mapping[str, Camera]) -> Sequence[tuple[str, str]]:
 
 
 def _points(reconstruction: pycolmap.Reconstruction) -> Points:
-    points = [reconstruction.points3D[number] for number in sorted(reconstruction.points3D)]
+    """The points in the order of their first feature, by image and number of the feature."""
+
+    def first_feature(point: pycolmap.Point3D) -> tuple[int, int]:
+        return min((element.image_id, element.point2D_idx) for element in point.track.elements)
+
+    points = sorted(reconstruction.points3D.values(), key=first_feature)
     positions = np.array([point.xyz for point in points], np.float64).reshape(-1, 3)
     colors = np.array([point.color for point in points], np.uint8).reshape(-1, 3)
     return Points(positions, colors)

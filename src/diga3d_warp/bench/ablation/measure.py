@@ -20,12 +20,12 @@ from diga3d_warp.pipelines.demo import TRUTH
 from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings, remove_object
 from diga3d_warp.pipelines.request import EditResult
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.pipelines.stages import read_mask, read_picture
 from diga3d_warp.priors.named import BUILT_IN, load_prior
 from diga3d_warp.priors.protocol import Prior
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.scene import Scene
 from diga3d_warp.splatting.render import render
+from diga3d_warp.state import read_arrays, read_mask, read_picture
 
 SETTINGS = RemoveSettings(
     fit=FitSettings(iterations=600, budget=BUDGET),
@@ -197,8 +197,7 @@ def outcome_of(scene: Scene, result: EditResult, settings: RemoveSettings, truth
     filled = stages / ("propagate" if (stages / "propagate").is_dir() else "fill")
     images, regions = [], []
     for view, unseen in zip(scene.views, truth.unseen, strict=True):
-        with np.load(filled / f"{view.name}.npz") as planes:
-            missing = planes["missing"]
+        missing = read_arrays(filled / f"{view.name}.npz")["missing"]
         picture = read_picture(filled / f"{view.name}.png")
         images.append(np.where(missing[..., None], np.float32(0.5), picture))
         regions.append(unseen & ~missing)

@@ -1,0 +1,99 @@
+"""Launches cut into ranges: from several Python threads, after a fork, and by the internals of Warp."""
+
+import os
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+import torch
+import warp as wp
+
+from diga3d_warp.config import POSE_GROUP
+from diga3d_warp.kernels import launch as launching
+from diga3d_warp.kernels.launch import OPTIONS, launch, set_thread_count, thread_count
+from diga3d_warp.splatting.render import render
+from poison import rendered
+from scenes import camera_at, random_gaussians
+
+COUNT = 3 * POSE_GROUP + 17
+PATIENCE = 120.0
+"""Seconds after which a test takes a process for hung: a hundred times what it needs on a quiet machine."""
+
+
+class Pictures(torch.utils.data.Dataset):
+    """A data set that renders its items."""
+
+    def __len__(self) -> int:
+        return 2
+
+    def __getitem__(self, index: int) -> torch.Tensor:
+        return render(random_gaussians(COUNT, seed=index), camera_at()).color.detach()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+def test_the_worker_of_a_data_loader_renders(threads):
+    threads(3)
+    here = [Pictures()[index] for index in range(2)]  # the threads are at work before the fork
+    loader = torch.utils.data.DataLoader(
+        Pictures(), batch_size=None, num_workers=1, multiprocessing_context="fork", timeout=PATIENCE
+    )
+    there = list(loader)
+    assert all(picture.std() > 0.05 for picture in here)
+    assert all(torch.equal(a, b) for a, b in zip(here, there, strict=True))
+    assert torch.equal(Pictures()[0], here[0]), "the parent goes on"
+
+
+def test_launches_from_several_threads_give_the_same_bytes_while_their_number_changes(threads):
+    gaussians, camera = random_gaussians(COUNT), camera_at()
+
+    def work(_: int) -> list[torch.Tensor]:
+        out, leaves = rendered(gaussians, camera)
+        return [out.color, out.depth, *(leaf.grad for leaf in leaves.values())]
+
+    threads(3)
+    expected = work(0)
+    assert expected[0].std() > 0.05
+    with ThreadPoolExecutor(4) as pool:
+        running = [pool.submit(work, k) for k in range(12)]
+        changes, limit = 0, time.monotonic() + PATIENCE
+        while not all(task.done() for task in running):
+            assert time.monotonic() < limit
+            changes += 1
+            set_thread_count(1 + changes % 4)
+            time.sleep(0.001)
+    assert changes > 5
+    for task in running:
+        assert all(torch.equal(a, b) for a, b in zip(task.result(), expected, strict=True))
+
+
+def test_the_number_of_threads_is_at_least_one(threads):
+    threads(2)
+    with pytest.raises(ValueError, match="at least 1"):
+        set_thread_count(0)
+    assert thread_count() == 2
+
+
+@wp.kernel(module="unique", module_options=OPTIONS)
+def index_of(offset: int, indices: wp.array(dtype=int)):
+    i = wp.tid() + offset
+    indices[i] = i
+
+
+def test_an_error_in_a_range_reaches_the_caller_and_the_next_launch_works(threads, monkeypatch):
+    threads(3)
+    indices = wp.zeros(10_000, dtype=int, device="cpu")
+    part = launching._part
+
+    def broken(whole, start, end):
+        made = part(whole, start, end)
+        if start > 0:
+            made.hooks = None
+        return made
+
+    monkeypatch.setattr(launching, "_part", broken)
+    with pytest.raises(AttributeError):
+        launch(index_of, 10_000, [], [indices], device="cpu")
+    monkeypatch.undo()
+    launch(index_of, 10_000, [], [indices], device="cpu")
+    assert indices.numpy().tolist() == list(range(10_000))
