@@ -108,7 +108,7 @@ def not_finite(data: Any, place: str = "") -> str | None:
 
 
 def read_json(path: Path, remedy: str) -> Any:
-    """Read a JSON file; a byte order mark in front is skipped.
+    """Read a JSON file, in UTF-8 or UTF-16, with or without a byte order mark.
 
     Args:
         path: The file.
@@ -118,7 +118,7 @@ def read_json(path: Path, remedy: str) -> Any:
         InputError: the file is absent or not JSON.
     """
     try:
-        return json.loads(path.read_bytes().decode("utf-8-sig"))
+        return json.loads(path.read_bytes())
     except OSError as error:
         raise cannot_read(path, error, remedy) from error
     except RecursionError as error:

@@ -48,7 +48,7 @@ class Reads:
         views = [*scene.views, *scene.test_views]
         assert len(views) == (self.views or len(room.names)), [view.name for view in views]
         for view in views:
-            name = next(name for name in room.names if name in view.name)
+            name = next(name for name in room.names if name in view.name.lower())
             shift = np.abs(
                 projected(view.camera, room.points.positions)
                 - projected(room.cameras[name], room.points.positions)

@@ -91,7 +91,9 @@ def _search(root: Path, names: Sequence[str]) -> Path | None:
     some = names[:: max(len(names) // _SAMPLE, 1)]
     best: tuple[int, Path | None] = (0, None)
     for folder, _ in walk(root, _DEPTH):
-        count = len(find_images(some, folder, images_below(folder)).files)
+        found = find_images(some, folder, images_below(folder)).files
+        depths = {name: len(path.relative_to(folder).parts) for name, path in found.items()}
+        count = sum(depth == len(PurePosixPath(name).parts) for name, depth in depths.items())
         if count > best[0]:
             best = (count, folder)
     return best[1]

@@ -152,6 +152,8 @@ def _map_folder(root: Path, progress: bool) -> Capture:
     """Recover the poses of a folder that holds photographs only."""
     found = find_photographs(root)
     folder = found.folders[min(found.folders)]
+    if not found.files:
+        raise InputError(f"{'; '.join(found.notes) or root}: none is left; give the folder of photographs")
     images, notes = {}, list(found.notes)
     for file in found.files:
         try:

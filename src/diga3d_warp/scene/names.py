@@ -151,7 +151,7 @@ def find_images(names: Sequence[str], folder: Path, files: Sequence[Path]) -> Fo
         left = [name for name in names if name not in found]
         spellings = Counter(spelled(name) for name in dict.fromkeys(left))
         alike: dict[str, list[str]] = {}
-        for name in sorted(free, key=_likelihood):
+        for name in sorted(free, key=likelihood):
             alike.setdefault(spelled(name), []).append(name)
         return {name: alike.get(spelled(name), []) for name in left if spellings[spelled(name)] == 1}
 
@@ -176,7 +176,8 @@ def find_images(names: Sequence[str], folder: Path, files: Sequence[Path]) -> Fo
     return Found(found, notes)
 
 
-def _likelihood(name: str) -> tuple[int, str]:
+def likelihood(name: str) -> tuple[int, str]:
+    """Sorts files of one name by how likely they are to be the photograph."""
     suffix = PurePosixPath(name).suffix.lower()
     order = _ENDINGS_BY_LIKELIHOOD
     return (order.index(suffix) if suffix in order else len(order), name)

@@ -6,32 +6,28 @@ together they spoil the poses, and a copy that is held out for testing was seen 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from diga3d_warp.errors import InputError
+from diga3d_warp.scene.decoding import read_header
 from diga3d_warp.scene.folders import image_folders, images_below
-from diga3d_warp.scene.names import image_key, listed
+from diga3d_warp.scene.names import image_key, likelihood, listed
 
 # Folders of images that are no photographs, as scanning apps, COLMAP, nerfstudio and data sets name them.
-_DERIVED = frozenset(
-    (
-        "alpha",
-        "alphas",
-        "annotations",
-        "colmap",
-        "conf",
-        "confidence",
-        "dense",
-        "depth",
-        "depth_maps",
-        "depths",
-    )
-    + ("disparity", "flow", "label", "labels", "mask", "masks", "normal", "normals", "preview", "previews")
-    + ("rendered", "renders", "sam", "seg", "segmentation", "semantic", "sparse", "stereo", "test_label")
-    + ("thumb", "thumbnail", "thumbnails", "thumbs")
+_DERIVED = frozenset({
+    "alpha", "alphas", "annotations", "colmap", "conf", "confidence", "dense", "depth", "depth_maps",
+    "depths", "disparity", "flow", "label", "labels", "mask", "masks", "normal", "normals", "preview",
+    "previews", "rendered", "renders", "sam", "seg", "segmentation", "semantic", "sparse", "stereo",
+    "test_label", "thumb", "thumbnail", "thumbnails", "thumbs",
+})  # fmt: skip
+# Folders of photographs made from others: of Polycam, of COLMAP and other undistorters, of editors.
+_CHANGED = re.compile(
+    "corrected|undistort|rectif|resized|scaled|small|low_?res|edited|retouch|enhanced|denois"
 )
 # Folders that hold the photographs, the first that is there: COLMAP and nerfstudio, 3DGS before undistortion.
 _BASES = ("images", "input")
@@ -45,15 +41,15 @@ class CopyCheck:
         names: Share of the smaller folder's images that have a namesake in the other.
         samples: Namesakes that are compared.
         side: Side of the grey thumbnails that are compared [px]: fine enough to tell neighbours apart.
-        likeness: Least correlation of all thumbnails. Undistorted and recompressed copies reach 0.98, the two
-            eyes of a stereo camera stay below 0.9.
+        likeness: Least correlation of all thumbnails. Smaller, recompressed copies of photographs reach 0.99;
+            neighbouring views of three captures reach 0.95 at most.
         strays: Up to this many images lie beside folders of photographs as a preview or cover.
     """
 
     names: float = 0.8
     samples: int = 3
     side: int = 32
-    likeness: float = 0.95
+    likeness: float = 0.96
     strays: int = 2
 
 
@@ -85,14 +81,26 @@ def find_photographs(root: Path) -> PhotoSet:
     kept, dropped = _kept(groups)
     notes = []
     if dropped:
-        parts = [
-            f"{group if group != '.' else folder.name} ({len(groups[group])}, {why})"
-            for group, why in dropped
-        ]
+        parts = [f"{_called(group)} ({len(groups[group])}, {why})" for group, why in dropped]
         notes.append(f"{folder}: images that are not taken for photographs: {listed(parts)}")
+    files, twice = _one_each([path for group in kept for path in groups[group]])
+    if twice:
+        notes.append(
+            f"{folder}: {len(twice)} images have the name of a photograph and another ending, and are not "
+            f"taken for photographs: {listed([path.name for path in twice])}"
+        )
     if len(kept) == 1 and len(folders) == 1:
         folders = {1: folder / kept[0]}
-    return PhotoSet(folders, sorted(path for group in kept for path in groups[group]), notes)
+    return PhotoSet(folders, files, notes)
+
+
+def _one_each(files: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """The photographs, and the files that lie beside one under its name: its mask, its depth."""
+    best: dict[Path, Path] = {}
+    for path in sorted(files, key=lambda path: likelihood(path.name)):
+        best.setdefault(path.with_name(image_key(path.name)), path)
+    kept = set(best.values())
+    return sorted(kept), sorted(path for path in files if path not in kept)
 
 
 def _kept(groups: Mapping[str, Sequence[Path]]) -> tuple[list[str], list[tuple[str, str]]]:
@@ -113,13 +121,19 @@ def _kept(groups: Mapping[str, Sequence[Path]]) -> tuple[list[str], list[tuple[s
         if group not in colored:
             dropped.append((group, "grey beside coloured ones"))
     kept: list[str] = []
-    for group in sorted(colored or left, key=lambda group: (-len(groups[group]), len(group), group)):
-        twin = next((other for other in kept if _are_copies(groups[group], groups[other])), None)
+    for group in sorted(colored or left, key=lambda group: _order(group, len(groups[group]))):
+        changed = bool(_CHANGED.search(group.lower()))
+        twin = next((other for other in kept if _are_copies(groups[group], groups[other], changed)), None)
         if twin is None:
             kept.append(group)
         else:
             dropped.append((group, f"copies of those in {_called(twin)}"))
     return sorted(kept), dropped
+
+
+def _order(group: str, count: int) -> tuple[int, bool, int, str]:
+    """Larger groups first, then photographs before what was made from them."""
+    return (-count, bool(_CHANGED.search(group.lower())), len(group), group)
 
 
 def _called(group: str) -> str:
@@ -131,20 +145,20 @@ def _has_colors(files: Sequence[Path]) -> bool:
     import cv2
 
     for path in _spread(files):
-        pixels = (
-            cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED) if path.stat().st_size else None
-        )
+        data = np.fromfile(path, np.uint8)
+        pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
         if pixels is not None and pixels.ndim == 3:
             return True
     return False
 
 
-def _are_copies(files: Sequence[Path], others: Sequence[Path]) -> bool:
+def _are_copies(files: Sequence[Path], others: Sequence[Path], changed: bool) -> bool:
+    """Whether a group shows what the other does: it has the same names, and says so or looks the same."""
     ours, theirs = ({image_key(path.name): path for path in group} for group in (files, others))
     common = sorted(ours.keys() & theirs.keys())
     if not common or len(common) < COPIES.names * min(len(ours), len(theirs)):
         return False
-    return all(likeness(ours[key], theirs[key]) >= COPIES.likeness for key in _spread(common))
+    return changed or all(likeness(ours[key], theirs[key]) >= COPIES.likeness for key in _spread(common))
 
 
 def likeness(first: Path, second: Path) -> float:
@@ -159,9 +173,15 @@ def likeness(first: Path, second: Path) -> float:
 def _thumbnail(path: Path) -> np.ndarray | None:
     import cv2
 
-    data = np.fromfile(path, np.uint8)
-    flags = cv2.IMREAD_REDUCED_GRAYSCALE_8 | cv2.IMREAD_IGNORE_ORIENTATION
-    pixels = cv2.imdecode(data, flags) if len(data) else None
+    flags = {8: cv2.IMREAD_REDUCED_GRAYSCALE_8, 4: cv2.IMREAD_REDUCED_GRAYSCALE_4,
+             2: cv2.IMREAD_REDUCED_GRAYSCALE_2, 1: cv2.IMREAD_GRAYSCALE}  # fmt: skip
+    try:
+        header = read_header(path)
+    except InputError:
+        return None
+    reduced = min(header.width, header.height) // (2 * COPIES.side)
+    flag = flags[max((factor for factor in flags if factor <= reduced), default=1)]
+    pixels = cv2.imdecode(np.fromfile(path, np.uint8), flag | cv2.IMREAD_IGNORE_ORIENTATION)
     if pixels is None:
         return None
     return cv2.resize(pixels, (COPIES.side, COPIES.side), interpolation=cv2.INTER_AREA).astype(np.float32)
