@@ -3,13 +3,16 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/installed
 
-.PHONY: demo test lint
+.PHONY: demo test test-random lint
 
 demo: $(INSTALLED)
 	$(BIN)/diga3d demo --out run/demo
 
 test: lint
-	$(BIN)/pytest
+	$(BIN)/pytest -n logical --dist worksteal
+
+test-random: $(INSTALLED)
+	$(BIN)/pytest -n logical --random-order-bucket=global
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -208,7 +209,7 @@ def test_what_the_time_does_not_reach_has_no_price():
     assert set(fastest({"first": lambda: None, "second": lambda: None}, 3, 60.0)) == {"first", "second"}
 
 
-CAPTURES = Path(__file__).resolve().parents[3] / "shared" / "data"
+CAPTURES = Path(os.environ.get("DIGA3D_CAPTURES", "no captures named"))
 
 
 @pytest.mark.captures

@@ -6,6 +6,7 @@ pixels, the agreement drops, and moved by any axis it is lowest where nothing is
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from test_colmap import project
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene
 
-CAPTURES = Path(__file__).resolve().parents[3] / "shared" / "data"
+CAPTURES = Path(os.environ.get("DIGA3D_CAPTURES", "no captures named"))
 pytestmark = [
     pytest.mark.captures,
     pytest.mark.skipif(not CAPTURES.is_dir(), reason="the real captures are not here"),

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from diga3d_warp.cli.parsing import Commands, positive_int
 from diga3d_warp.errors import InputError
@@ -73,7 +75,7 @@ def _add(
 ) -> argparse.ArgumentParser:
     """A benchmark with the one option that all have."""
     example = f"diga3d bench {name} --out run/benchmarks"
-    benchmark = benchmarks.add(name, run, summary, example, description)
+    benchmark = benchmarks.add(name, _in_checkout(run), summary, example, description)
     benchmark.add_argument(
         "--out",
         type=Path,
@@ -82,6 +84,20 @@ def _add(
         help="folder for the page and its plots (default run/benchmarks)",
     )
     return benchmark
+
+
+def _in_checkout(run: Callable[..., int]) -> Callable[..., int]:
+    """`run`, or one line where the benchmarks are not installed: they are not in the wheel."""
+
+    def checked(**options: Any) -> int:
+        if find_spec("diga3d_warp.bench") is None:
+            raise InputError(
+                "the benchmarks are not part of the installed package: run them in a checkout of the source, "
+                "after pip install -e ."
+            )
+        return run(**options)
+
+    return checked
 
 
 def _add_count(benchmark: argparse.ArgumentParser, option: str, usual: int, what: str) -> None:
