@@ -21,17 +21,17 @@ DESCRIPTION = "Edit an object in a captured 3D scene, on 3D Gaussian splats. CPU
 EXAMPLES = """\
 examples:
   diga3d demo --out run/demo                         edit a synthetic room, compare with the truth
-  diga3d fit captures/garden --out run/garden        photographs and poses to a splat .ply
-  diga3d remove captures/statue --out run/statue     take the masked object out
+  diga3d fit captures/garden --out run/garden        fit a splat to photographs and poses
+  diga3d remove captures/statue --out run/statue     remove the masked object
   diga3d remove captures/statue --out run/statue --resume
   diga3d retexture captures/bear --prompt "white marble" --out run/bear
   diga3d replace captures/can --prompt "a wooden cube" --out run/can
   diga3d render run/statue --out statue.webm         a video along the cameras
   diga3d eval run/statue                             PSNR and SSIM on held-out views
-  diga3d bench kernels                               how fast are the kernels here?
-  diga3d doctor                                      is everything in place on this machine?
+  diga3d bench kernels                               measure the kernels on this machine
+  diga3d doctor                                      check this machine
 
-A capture is a folder of COLMAP, nerfstudio or LLFF / SPIn-NeRF, a splat .ply with cameras, or just images.
+A capture is a COLMAP, nerfstudio or LLFF / SPIn-NeRF folder, a splat with cameras.json, or photographs alone.
 """
 
 

@@ -17,7 +17,7 @@ def add_benchmarks(commands: Commands) -> None:
     bench = commands.add(
         "bench",
         _kernels,
-        "measure what kernels, effects, accuracy and parts of the method cost and bring",
+        "measure kernels, effects, accuracy and parts of the method",
         "diga3d bench kernels --out run/benchmarks",
     )
     benchmarks = Commands(bench, "benchmarks", "BENCHMARK")

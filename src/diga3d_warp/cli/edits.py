@@ -35,7 +35,7 @@ def add_edits(commands: Commands) -> None:
     retexture = commands.add(
         "retexture",
         _retexture,
-        "give the masked object another look",
+        "give the masked object another material",
         'diga3d retexture captures/bear --prompt "white marble" --out run/bear',
     )
     add_run_options(retexture)

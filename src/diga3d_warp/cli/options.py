@@ -9,38 +9,46 @@ from diga3d_warp.cli.parsing import effects, hold_out, positive_int, scale, seed
 
 
 def add_run_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("scene", type=Path, metavar="SCENE", help="folder or .ply of the capture")
-    command.add_argument("--out", type=Path, required=True, metavar="RUN", help="the run folder, a new one")
     command.add_argument(
-        "--masks", type=Path, metavar="DIR", help="a mask for each image (default: found in the capture)"
+        "scene", type=Path, metavar="SCENE", help="folder of a capture, or a splat with its cameras beside it"
+    )
+    command.add_argument("--out", type=Path, required=True, metavar="RUN", help="run folder to create")
+    command.add_argument(
+        "--masks",
+        type=Path,
+        metavar="DIR",
+        help="folder with a mask for each image (default: found in the capture)",
     )
     command.add_argument(
         "--image-scale",
         type=scale,
         default=1.0,
         metavar="S",
-        help="size of the images against the largest in the capture (default 1)",
+        help="image size relative to the largest images of the capture (default 1)",
     )
     command.add_argument(
-        "--iterations", type=positive_int, metavar="N", help="steps of the fit (default: by the scene)"
+        "--iterations",
+        type=positive_int,
+        metavar="N",
+        help="iterations of the fit (default: by the number of views)",
     )
     command.add_argument(
         "--hold-out",
         type=hold_out,
         default=8,
         metavar="N",
-        help="keep every Nth view for testing, 0 for none (default 8)",
+        help="hold out every Nth view for testing, 0 for none (default 8)",
     )
     command.add_argument(
         "--effects",
         type=effects,
         default={},
         metavar="LIST",
-        help="insist on effects, such as sh_degree=1,exposure=off (default: by the scene)",
+        help="force effects, such as sh_degree=1,exposure=off (default: what the capture calls for)",
     )
-    add_accuracy(command, "of the renderings that are fitted")
-    command.add_argument("--seed", type=seed, default=0, metavar="N", help="(default 0)")
-    command.add_argument("--resume", action="store_true", help="go on with an interrupted run")
+    add_accuracy(command, "accuracy of the fitted renderings")
+    command.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default 0)")
+    command.add_argument("--resume", action="store_true", help="continue an interrupted run")
 
 
 def add_accuracy(command: argparse.ArgumentParser, of_what: str) -> None:
@@ -48,7 +56,7 @@ def add_accuracy(command: argparse.ArgumentParser, of_what: str) -> None:
         "--accuracy",
         choices=["draft", "standard", "exact"],
         default="standard",
-        help=f"{of_what}, against their time (default standard)",
+        help=f"{of_what}; more takes longer (default standard)",
     )
 
 
@@ -91,18 +99,16 @@ def add_prior(command: argparse.ArgumentParser) -> None:
         "--prior",
         default="exemplar",
         metavar="PRIOR",
-        help="what invents what no photograph shows: exemplar, classical, sd-inpainting, powerpaint, or a "
+        help="what fills in what no photograph shows: exemplar, classical, sd-inpainting, powerpaint, or a "
         "folder in diffusers format (default exemplar)",
     )
-    command.add_argument(
-        "--negative", default="", metavar="TEXT", help="what to go away from (default nothing)"
-    )
+    command.add_argument("--negative", default="", metavar="TEXT", help="negative prompt (default none)")
     add_reference_options(command)
     command.add_argument(
         "--propagation",
         choices=["attention", "warp", "none"],
-        help="how other views come to agree with the references: they attend to them (AFP), take their "
-        "pixels by depth, or not at all (default: attention with a Stable Diffusion prior, else warp)",
+        help="how the references spread to the other views: by attention (AFP), by warping with depth, or "
+        "not at all (default: attention with a Stable Diffusion prior, else warp)",
     )
     command.add_argument(
         "--tg-sds",
@@ -117,7 +123,7 @@ def add_reference_options(command: argparse.ArgumentParser) -> None:
         type=positive_int,
         default=3,
         metavar="K",
-        help="views that are edited first and stand for all (default 3)",
+        help="reference views, edited before the others (default 3)",
     )
     command.add_argument(
         "--selection",

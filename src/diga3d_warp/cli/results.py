@@ -32,7 +32,7 @@ def add_results(commands: Commands) -> None:
     render.add_argument(
         "--size", type=size, metavar="WxH", help="size of a frame in pixels (default that of the first view)"
     )
-    add_accuracy(render, "of the frames")
+    add_accuracy(render, "accuracy of the frames")
 
     evaluate = commands.add("eval", _evaluate, "measure a run on held-out views", "diga3d eval run/statue")
     evaluate.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished run")
