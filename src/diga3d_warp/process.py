@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import os
+import signal
 import sys
+import threading
+from types import ModuleType
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # glibc's malloc.h
 KEPT_BYTES = 1 << 30
@@ -25,6 +28,19 @@ def tune_process() -> None:
         if hasattr(libc, "mallopt"):
             libc.mallopt(M_MMAP_THRESHOLD, KEPT_BYTES)
             libc.mallopt(M_TRIM_THRESHOLD, KEPT_BYTES)
+
+
+def load_pycolmap() -> ModuleType:
+    """Import pycolmap, and let signals end this process as before.
+
+    On import it takes SIGTERM for its own and prints a stack trace of C++ then.
+    """
+    import pycolmap
+
+    if threading.current_thread() is threading.main_thread():
+        handler = signal.getsignal(signal.SIGTERM)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL if handler is None else handler)
+    return pycolmap
 
 
 def give_memory_back() -> None:

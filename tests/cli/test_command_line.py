@@ -68,6 +68,17 @@ def test_help_loads_nothing_heavy():
         (["fit", "scene", "--out", "run", "--hold-out", "-1"], "--hold-out"),
         (["remove", "scene", "--out", "run", "--propagation", "magic"], "'magic'"),
         (["render", "run", "--size", "640"], "640x480"),
+        (["render", "run", "--size", "99999x9"], "larger than 16383x16383"),
+        (["render", "run", "--frames", "1" * 5000], "is above 1000000000"),
+        (["fit", "", "--out", "run"], "'' is not a path"),
+        (["fit", "scene", "--out", " "], "' ' is not a path"),
+        (["remove", "scene", "--out", "run", "--masks", ""], "'' is not a path"),
+        (["retexture", "scene", "--out", "run", "--exemplar", ""], "'' is not a path"),
+        (["replace", "scene", "--out", "run", "--asset", ""], "'' is not a path"),
+        (["eval", ""], "'' is not a path"),
+        (["render", "run", "--out", ""], "'' is not a path"),
+        (["synthetic", ""], "'' is not a path"),
+        (["demo", "--out", ""], "'' is not a path"),
         (["fit", "scene", "--out", "run", "--accuracy", "best"], "'draft', 'standard', 'exact'"),
     ],
 )
@@ -144,7 +155,9 @@ def test_interrupt_says_how_to_go_on(monkeypatch, capsys):
     assert "diga3d fit 'my scene' --out run --resume\n" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("option", [["--hold-out", "1"], ["--seed", "-1"], ["--seed", "4294967296"]])
+@pytest.mark.parametrize(
+    "option", [["--hold-out", "1"], ["--seed", "-1"], ["--seed", "4294967296"], ["--seed", "9" * 5000]]
+)
 def test_numbers_that_no_run_could_use_are_refused(option, tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main(["remove", str(tmp_path), "--out", str(tmp_path / "run"), *option])

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import io
+import os
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
 
 from diga3d_warp.cli.benchmarks import add_benchmarks
 from diga3d_warp.cli.edits import add_edits
 from diga3d_warp.cli.parsing import EXIT_INPUT, Commands, Help, Parser, Version
 from diga3d_warp.cli.results import add_results
+from diga3d_warp.cli.signals import Stopped, exit_code, last_line, stoppable
 from diga3d_warp.cli.trials import add_trials
-from diga3d_warp.errors import InputError
+from diga3d_warp.errors import InputError, explained, out_of_memory
 from diga3d_warp.process import tune_process
 
-EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
+EXIT_UNHEARD = 141  # 128 + SIGPIPE, as shells count
 
 DESCRIPTION = "Edit an object in a captured 3D scene, on 3D Gaussian splats. CPU is enough."
 EXAMPLES = """\
@@ -42,24 +47,58 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Without the program's name; those of the process if None.
 
     Returns:
-        Exit code: 0 done, 1 a check of `doctor` failed, 2 bad input, 130 interrupted.
+        Exit code: 0 done, 1 a check of `doctor` failed, 2 bad input or something that the system refuses,
+        130 interrupted, 143 terminated, 141 nobody reads the output.
     """
     tune_process()
     words = list(sys.argv[1:] if arguments is None else arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # names may hold what a terminal's code page lacks
+            stream.reconfigure(errors="backslashreplace")
     options = vars(parser().parse_args(words))
     command: Callable[..., int] = options.pop("run")
+    hint = ""
+    if "resume" in options:
+        again = shlex.join(["diga3d", *words, *([] if options["resume"] else ["--resume"])])
+        hint = f"; go on with: {again}"
+    stops: list[Stopped] = []
     try:
-        return command(**options)
-    except InputError as error:
-        print(f"diga3d: error: {' '.join(str(error).split())}", file=sys.stderr)
+        with stoppable(hint) as stops:
+            code = command(**options)
+            sys.stdout.flush()
+            return code
+    except BrokenPipeError:
+        return _unheard()
+    except (Exception, KeyboardInterrupt) as error:
+        if stops or isinstance(error, KeyboardInterrupt):
+            stop = stops[0] if stops else Stopped()
+            print(last_line(stop, hint), file=sys.stderr)
+            return exit_code(stop)
+        line = _line_about(error)
+        if line is None:
+            raise
+        print(f"diga3d: error: {' '.join(line.split())}", file=sys.stderr)
         return EXIT_INPUT
-    except KeyboardInterrupt:
-        hint = ""
-        if "resume" in options:
-            again = shlex.join(["diga3d", *words, *([] if options["resume"] else ["--resume"])])
-            hint = f"; go on with: {again}"
-        print(f"\ndiga3d: interrupted{hint}", file=sys.stderr)
-        return EXIT_INTERRUPTED
+
+
+def _line_about(error: Exception) -> str | None:
+    """What to say of bad input and of what the system refuses; None for a fault of this program."""
+    if isinstance(error, InputError):
+        return str(error)
+    lacking = out_of_memory(error)
+    if lacking is not None:
+        return f"{lacking}: close other programs, or use a smaller --image-scale"
+    if isinstance(error, OSError) and error.filename is not None:
+        return str(explained(error, lambda path: False, Path()))
+    return None
+
+
+def _unheard() -> int:
+    """End quietly where nobody reads the output any more, as in `diga3d eval run | head -1`."""
+    with suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())  # else Python reports the lost output at its end
+    return EXIT_UNHEARD
 
 
 def parser() -> argparse.ArgumentParser:

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from diga3d_warp.cli.parsing import Commands, positive_int
+from diga3d_warp.cli.parsing import Commands, path, positive_int
 from diga3d_warp.errors import InputError
 
 
@@ -50,7 +50,7 @@ def add_benchmarks(commands: Commands) -> None:
     )
     _add_count(accuracy, "--repeats", 5, REPEATS)
     accuracy.add_argument(
-        "--scene", type=Path, metavar="DIR", help="a run, or a capture with a splat, to be measured too"
+        "--scene", type=path, metavar="DIR", help="a run, or a capture with a splat, to be measured too"
     )
     accuracy.add_argument(
         "--pipeline",
@@ -78,7 +78,7 @@ def _add(
     benchmark = benchmarks.add(name, _in_checkout(run), summary, example, description)
     benchmark.add_argument(
         "--out",
-        type=Path,
+        type=path,
         default=Path("run/benchmarks"),
         metavar="DIR",
         help="folder for the page and its plots (default run/benchmarks)",

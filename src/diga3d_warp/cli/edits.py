@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from diga3d_warp.cli.options import (
@@ -11,7 +10,7 @@ from diga3d_warp.cli.options import (
     add_prior,
     add_run_options,
 )
-from diga3d_warp.cli.parsing import Commands
+from diga3d_warp.cli.parsing import Commands, path
 
 if TYPE_CHECKING:
     from diga3d_warp.pipelines.request import RunResult
@@ -64,7 +63,7 @@ def add_edits(commands: Commands) -> None:
         help='a built-in solid in a material, "a wooden cube", or any text with a Stable Diffusion --prior',
     )
     new.add_argument(
-        "--asset", type=Path, metavar="FILE", help="a mesh (.glb, .obj, .ply, .stl) or a splat .ply"
+        "--asset", type=path, metavar="FILE", help="a mesh (.glb, .obj, .ply, .stl) or a splat .ply"
     )
     add_exemplar(replace, "the one in --prompt")
     add_prior(replace)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from diga3d_warp.cli.parsing import effects, hold_out, positive_int, scale, seed
+from diga3d_warp.cli.parsing import effects, hold_out, path, positive_int, scale, seed
 
 
 def add_run_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "scene", type=Path, metavar="SCENE", help="folder of a capture, or a splat with its cameras beside it"
+        "scene", type=path, metavar="SCENE", help="folder of a capture, or a splat with its cameras beside it"
     )
-    command.add_argument("--out", type=Path, required=True, metavar="RUN", help="run folder to create")
+    command.add_argument("--out", type=path, required=True, metavar="RUN", help="run folder to create")
     command.add_argument(
         "--masks",
-        type=Path,
+        type=path,
         metavar="DIR",
         help="folder with a mask for each image (default: found in the capture)",
     )
@@ -78,7 +77,7 @@ def add_marks(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--mask-models",
-        type=Path,
+        type=path,
         metavar="DIR",
         help="folder with their weights in detector and cutter (default: the Hugging Face cache)",
     )
@@ -87,7 +86,7 @@ def add_marks(command: argparse.ArgumentParser) -> None:
 def add_exemplar(command: argparse._ActionsContainer, in_place_of: str) -> None:
     command.add_argument(
         "--exemplar",
-        type=Path,
+        type=path,
         metavar="IMAGE",
         help=f"a photograph of the material, in place of {in_place_of}",
     )

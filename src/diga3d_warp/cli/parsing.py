@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 from diga3d_warp.errors import InputError
 
 EXIT_INPUT = 2
 SEED_MOST = 2**31 - 1  # what every generator here takes
+COUNT_MOST = 10**9  # steps and frames that nobody lives to see the end of
+BOUNDLESS = 10**20  # more than anything here takes
+SIDE_MOST = 16_383  # px, the most that VP8 encodes
 
 
 class Help(argparse.RawDescriptionHelpFormatter):
@@ -75,10 +79,26 @@ class Version(argparse.Action):
         parser.exit(message=f"diga3d {version('diga3d-warp')}\n")
 
 
+def path(text: str) -> Path:
+    if not text.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a path")
+    return Path(text)
+
+
 def positive_int(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
+    number = _decimal(text)
+    if number is None or number < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number above 0")
-    return int(text)
+    if number > COUNT_MOST:
+        raise argparse.ArgumentTypeError(f"a number of {len(text)} digits is above {COUNT_MOST}")
+    return number
+
+
+def _decimal(text: str) -> int | None:
+    """A whole number, `BOUNDLESS` if it has 20 digits or more; None if it is no whole number."""
+    if not text.isdecimal():
+        return None
+    return int(text) if len(text) < 20 else BOUNDLESS
 
 
 def effects(text: str) -> dict[str, bool | int]:
@@ -91,15 +111,17 @@ def effects(text: str) -> dict[str, bool | int]:
 
 
 def hold_out(text: str) -> int:
-    if not text.isdecimal() or int(text) == 1:
+    number = _decimal(text)
+    if number is None or number == 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not 0 (hold out none) or a whole number above 1")
-    return int(text)
+    return number
 
 
 def seed(text: str) -> int:
-    if not text.isdecimal() or int(text) > SEED_MOST:
+    number = _decimal(text)
+    if number is None or number > SEED_MOST:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to {SEED_MOST}")
-    return int(text)
+    return number
 
 
 def scale(text: str) -> float:
@@ -113,7 +135,9 @@ def scale(text: str) -> float:
 
 
 def size(text: str) -> tuple[int, int]:
-    width, _, height = text.partition("x")
-    if not (width.isdecimal() and height.isdecimal() and int(width) > 0 and int(height) > 0):
+    width, height = (_decimal(side) for side in text.partition("x")[::2])
+    if not width or not height:
         raise argparse.ArgumentTypeError(f"{text!r} is not a size such as 640x480")
-    return int(width), int(height)
+    if max(width, height) > SIDE_MOST:
+        raise argparse.ArgumentTypeError(f"{text!r} is larger than {SIDE_MOST}x{SIDE_MOST}")
+    return width, height

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from diga3d_warp.cli.options import add_accuracy
-from diga3d_warp.cli.parsing import Commands, positive_int, scale, size
+from diga3d_warp.cli.parsing import Commands, path, positive_int, scale, size
 
 
 def add_results(commands: Commands) -> None:
@@ -13,10 +13,10 @@ def add_results(commands: Commands) -> None:
     render = commands.add(
         "render", _render, "render a run along a path", "diga3d render run/statue --out statue.webm"
     )
-    render.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished run")
+    render.add_argument("folder", type=path, metavar="RUN", help="folder of a finished run")
     render.add_argument(
         "--out",
-        type=Path,
+        type=path,
         metavar="FILE|DIR",
         help="a .webm, .mp4 or .avi video, or a folder for PNG frames (default RUN/path.webm)",
     )
@@ -35,7 +35,7 @@ def add_results(commands: Commands) -> None:
     add_accuracy(render, "accuracy of the frames")
 
     evaluate = commands.add("eval", _evaluate, "measure a run on held-out views", "diga3d eval run/statue")
-    evaluate.add_argument("folder", type=Path, metavar="RUN", help="folder of a finished run")
+    evaluate.add_argument("folder", type=path, metavar="RUN", help="folder of a finished run")
     evaluate.add_argument(
         "--protocol",
         choices=["held-out", "spin-nerf"],

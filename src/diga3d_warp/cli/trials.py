@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from diga3d_warp.cli.parsing import Commands, positive_int, seed
+from diga3d_warp.cli.parsing import Commands, path, positive_int, seed
 
 
 def add_trials(commands: Commands) -> None:
@@ -17,7 +17,7 @@ def add_trials(commands: Commands) -> None:
         "write a synthetic capture with ground truth",
         "diga3d synthetic run/room --views 24",
     )
-    synthetic.add_argument("out", type=Path, metavar="OUT", help="a new folder")
+    synthetic.add_argument("out", type=path, metavar="OUT", help="a new folder")
     synthetic.add_argument("--width", type=positive_int, default=320, metavar="PX")
     synthetic.add_argument("--height", type=positive_int, default=240, metavar="PX")
     synthetic.add_argument("--views", type=positive_int, default=24, metavar="N")
@@ -27,7 +27,7 @@ def add_trials(commands: Commands) -> None:
     demo = commands.add(
         "demo", _demo, "edit the object of a synthetic room and compare", "diga3d demo --out run/demo"
     )
-    demo.add_argument("--out", type=Path, default=Path("run/demo"), metavar="DIR", help="(default run/demo)")
+    demo.add_argument("--out", type=path, default=Path("run/demo"), metavar="DIR", help="(default run/demo)")
 
 
 def _doctor() -> int:

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from tqdm import tqdm
 
 from diga3d_warp.config import Accuracy, Effects
-from diga3d_warp.errors import InputError
+from diga3d_warp.errors import InputError, cannot_write
 from diga3d_warp.evaluation.paths import fly_through
 from diga3d_warp.evaluation.record import CAMERAS, RESULT, read_manifest, run_effects
 from diga3d_warp.files import to_bytes, whole_file, write_image
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.pipelines.run_folder import check_apart
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.cameras_file import load_cameras
 from diga3d_warp.scene.images import BACKGROUND
@@ -32,6 +33,13 @@ CODECS = {".webm": "VP80", ".mp4": "mp4v", ".avi": "MJPG"}
 """Codec by ending, each one that OpenCV's wheels can write. VP80 is the one that plays in every browser."""
 
 
+OTHER_MEDIA = (
+    *(".mov", ".mkv", ".m4v", ".mpg", ".mpeg", ".wmv", ".flv", ".ogv", ".3gp", ".gif", ".apng"),
+    *(".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".exr"),
+)
+"""Endings by which a user means a video or a picture that is not written here, not a folder."""
+
+
 def render_path(
     folder: Path,
     out: Path | None = None,
@@ -45,8 +53,8 @@ def render_path(
 
     Args:
         folder: The run folder.
-        out: A video (.webm, .mp4, .avi), or a folder for frames named 0000.png and so on; RUN/path.webm if
-            None.
+        out: A video (.webm, .mp4, .avi), or a folder for frames named 0000.png and so on, which may hold
+            nothing else; RUN/path.webm if None.
         path: "spline", a smooth flight through the training views, or "views", each of them in turn.
         frames: Number of frames of a spline.
         size: Width and height of a frame [px]; those of the first view if None. The horizontal field of view
@@ -59,22 +67,61 @@ def render_path(
     Raises:
         InputError: the folder holds no finished run, or `out` cannot be written.
     """
-    effects = run_effects(read_manifest(folder))
+    manifest = read_manifest(folder)
+    effects = run_effects(manifest)
     if not (folder / RESULT).is_file():
         raise InputError(f"{folder} has no {RESULT}: finish the run with --resume first")
     out = folder / "path.webm" if out is None else out
-    if out.suffix and out.suffix not in CODECS and not out.is_dir():
-        raise InputError(f"{out} ends in {out.suffix}: give {', '.join(CODECS)}, or a folder for frames")
+    film = _is_film(out)
     views = list(load_cameras(folder / CAMERAS).train.values())
+    if not views:
+        raise InputError(f"{folder / CAMERAS} holds no camera of a fitted view: finish the run with --resume")
     cameras = fly_through(views, frames) if path == "spline" else views
     width, height = size or (cameras[0].width, cameras[0].height)
     framed = [_framed(camera, width, height) for camera in cameras]
+    if not film:
+        _check_frames(out, len(framed), manifest["settings"])
+    elif min(width, height) < 2:
+        raise InputError(f"a video of {width} x {height} px has no even size: give a larger --size")
     pictures = _render(folder / RESULT, framed, effects, accuracy)
-    if out.suffix in CODECS:
-        _write_video(out, pictures, width, height)
+    if film:
+        _write_video(out, pictures, len(framed), width, height)
     else:
         _write_frames(out, pictures)
     return out
+
+
+def _is_film(out: Path) -> bool:
+    """Whether `out` is a video; else it is a folder, whose name may hold dots.
+
+    Raises:
+        InputError: it ends as a video or picture that is not written here.
+    """
+    ending = out.suffix.lower()
+    if out.is_dir():
+        return False
+    if ending in OTHER_MEDIA:
+        raise InputError(f"{out} ends in {out.suffix}: give {', '.join(CODECS)}, or a folder for frames")
+    return ending in CODECS
+
+
+def _check_frames(out: Path, count: int, settings: Mapping[str, Any]) -> None:
+    """Refuse a folder for frames that holds other things: photographs are often called 0000.png, too.
+
+    Raises:
+        InputError: it belongs to the run's capture, or holds something that these frames do not replace.
+    """
+    if settings.get("scene"):
+        check_apart(out, Path(settings["scene"]), Path(settings["masks"]) if settings.get("masks") else None)
+    names = {f"{index:04d}.png" for index in range(count)}
+    try:
+        others = sorted(entry.name for entry in out.iterdir() if entry.name not in names)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise cannot_write(out, error) from error
+    if others:
+        raise InputError(f"{out} holds other things ({others[0]}): give a new or empty folder for frames")
 
 
 def open_video(path: Path, size: tuple[int, int]) -> cv2.VideoWriter:
@@ -86,7 +133,7 @@ def open_video(path: Path, size: tuple[int, int]) -> cv2.VideoWriter:
     """
     import cv2
 
-    codec = cv2.VideoWriter.fourcc(*CODECS[path.suffix])
+    codec = cv2.VideoWriter.fourcc(*CODECS[path.suffix.lower()])
     # OpenCV tells stderr that VP80 "is not supported" in .webm, then writes it well: that line only alarms.
     kept = os.dup(2)
     with Path(os.devnull).open("w") as silence:
@@ -126,7 +173,7 @@ def _write_frames(out: Path, pictures: Iterable[np.ndarray]) -> None:
         write_image(out / f"{index:04d}.png", picture)
 
 
-def _write_video(out: Path, pictures: Iterable[np.ndarray], width: int, height: int) -> None:
+def _write_video(out: Path, pictures: Iterable[np.ndarray], count: int, width: int, height: int) -> None:
     even = (width // 2 * 2, height // 2 * 2)
     with whole_file(out) as partial:
         video = open_video(partial, even)
@@ -137,3 +184,21 @@ def _write_video(out: Path, pictures: Iterable[np.ndarray], width: int, height: 
                 video.write(np.ascontiguousarray(picture[: even[1], : even[0], ::-1]))
         finally:
             video.release()
+        written = _frames_in(partial)
+        if written < count:  # OpenCV does not tell of a full disk
+            raise InputError(
+                f"only {written} of {count} frames of {out} could be written: make room there, or give a "
+                "folder for frames"
+            )
+
+
+def _frames_in(path: Path) -> int:
+    """Number of frames of a video that can be read."""
+    import cv2
+
+    video = cv2.VideoCapture(str(path))
+    count = 0
+    while video.grab():
+        count += 1
+    video.release()
+    return count

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,9 @@ class FitRequest:
     resume: bool = False
 
     def __post_init__(self) -> None:
+        for each in fields(self):
+            if "Path" in str(each.type) and getattr(self, each.name) == "":
+                raise InputError(f"{each.name} is empty: give a path")
         if self.accuracy not in ACCURACIES:
             raise InputError(f"accuracy {self.accuracy!r} is unknown: use one of {', '.join(ACCURACIES)}")
         asked = Reading(self.image_scale, optional_path(self.masks), self.hold_out)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.process import load_pycolmap
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.capture import Capture, Shot
 from diga3d_warp.scene.colmap_files import find_file, read_cameras, read_images, read_points
@@ -140,7 +141,7 @@ def posed_reconstruction(cameras: Mapping[str, Camera]) -> pycolmap.Reconstructi
         cameras: Camera of each image, keyed by image name with its ending. Identifiers count from 1 in
             sorted order of the names.
     """
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     reconstruction = pycolmap.Reconstruction()
     for number, name in enumerate(sorted(cameras), start=1):
@@ -165,7 +166,7 @@ def write_colmap(folder: Path, cameras: Mapping[str, Camera], points: Points, su
         points: Sparse points; written without tracks.
         suffix: Ending of the image files.
     """
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     reconstruction = posed_reconstruction({name + suffix: camera for name, camera in cameras.items()})
     for position, color in zip(points.positions, points.colors, strict=True):

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.process import load_pycolmap
 from diga3d_warp.scene import matching
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.colmap import posed_reconstruction
@@ -65,7 +66,7 @@ def triangulate(images: Mapping[str, np.ndarray], cameras: Mapping[str, Camera],
     Returns:
         Points in the frame of the poses; none if no features matched.
     """
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     _tell(f"triangulating points from {len(images)} images with known poses", progress)
     with _workspace(images) as (folder, database):
@@ -106,7 +107,7 @@ def map_images(images: Mapping[str, np.ndarray], progress: bool) -> tuple[dict[s
     Raises:
         InputError: the images could not be registered.
     """
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     _tell(f"recovering the poses of {len(images)} images: this takes minutes", progress)
     with _workspace(images) as (folder, database):
@@ -163,7 +164,8 @@ def _workspace(images: Mapping[str, np.ndarray]) -> Iterator[tuple[Path, Path]]:
     COLMAP's log is silent below errors within the block.
     """
     import cv2
-    import pycolmap
+
+    pycolmap = load_pycolmap()
 
     level = pycolmap.logging.minloglevel
     pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
@@ -182,7 +184,7 @@ def _workspace(images: Mapping[str, np.ndarray]) -> Iterator[tuple[Path, Path]]:
 
 
 def _extraction() -> pycolmap.FeatureExtractionOptions:
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     options = pycolmap.FeatureExtractionOptions()
     options.sift.max_num_features = BUDGET.features
@@ -191,7 +193,7 @@ def _extraction() -> pycolmap.FeatureExtractionOptions:
 
 def _match(folder: Path, database: Path, pairs: Sequence[matching.Pair]) -> None:
     """Match pairs of images and verify each pair by its geometry."""
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     with pycolmap.Database.open(database) as tables:
         matching.match_pairs(tables, pairs)
@@ -203,7 +205,7 @@ def _match(folder: Path, database: Path, pairs: Sequence[matching.Pair]) -> None
 
 
 def _mapping() -> pycolmap.IncrementalPipelineOptions:
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = BUDGET.seed
@@ -216,7 +218,7 @@ def _mapping() -> pycolmap.IncrementalPipelineOptions:
 
 def _refine(reconstruction: pycolmap.Reconstruction) -> None:
     """Adjust poses, points, focal lengths and distortion together."""
-    import pycolmap
+    pycolmap = load_pycolmap()
 
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
