@@ -148,6 +148,31 @@ def test_damaged_transforms(tmp_path, corner, change, match):
     refused(tmp_path, rf"transforms\.json: .*{match}|transforms\.json: {match}")
 
 
+@pytest.mark.parametrize("value", ["\ud800.jpg", "x" * 5000, "a\0b", "", "/", "."])
+@pytest.mark.parametrize("name", ["file_path", "mask_path", "ply_file_path", "test_filenames"])
+def test_names_that_no_file_has(tmp_path, corner, name, value):
+    """Read without that file, or refused: no traceback."""
+
+    def change(contents):
+        given = [value] if name == "test_filenames" else value
+        (contents["frames"][1] if name in ("file_path", "mask_path") else contents)[name] = given
+
+    edit_transforms(tmp_path, corner, change)
+    try:
+        assert len(load_scene(tmp_path, hold_out=0).views) >= 5
+    except InputError as error:
+        assert str(tmp_path) in str(error) and "\n" not in str(error) and str(error).encode()
+
+
+@pytest.mark.parametrize("depth", [500, 100_000])
+@pytest.mark.parametrize("entry", ["frames", "odd"])
+def test_transforms_nested_deep(tmp_path, corner, entry, depth):
+    edit_transforms(tmp_path, corner, lambda contents: None)
+    nested = "[" * depth + "]" * depth
+    (tmp_path / "transforms.json").write_text(f'{{"{entry}": {nested}}}')
+    refused(tmp_path, r"transforms\.json")
+
+
 def test_transforms_that_are_not_json(tmp_path, corner):
     corner.write_images(tmp_path / "images")
     (tmp_path / "transforms.json").write_text('{"frames": [')

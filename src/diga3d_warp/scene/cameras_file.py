@@ -17,7 +17,7 @@ import torch
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import read_json, write_json
 from diga3d_warp.scene.camera import Camera, Distortion
-from diga3d_warp.scene.entries import Entries, shown
+from diga3d_warp.scene.entries import Entries, abridged
 from diga3d_warp.scene.poses import world_to_camera
 from diga3d_warp.scene.scene import Scene
 
@@ -71,7 +71,7 @@ def load_cameras(path: Path) -> CameraSet:
     for index, entry in enumerate(entries):
         try:
             if not isinstance(entry, dict):
-                raise InputError(f"it is {shown(entry)}")
+                raise InputError(f"it is {abridged(entry)}")
             name, split, camera = _camera(Entries(entry))
         except InputError as error:
             raise InputError(f"{path}, entry {index} is not a camera ({error}): {remedy}") from error
@@ -103,10 +103,10 @@ def _camera(entry: Entries) -> tuple[str, str, Camera]:
     """Name, split and camera of an entry."""
     name = entry.get("img_name")
     if isinstance(name, bool) or not isinstance(name, (str, int)) or name == "":
-        raise InputError(f"img_name is {shown(name)}, not a name")
+        raise InputError(f"img_name is {abridged(name)}, not a name")
     split = entry.text("split") or "train"
     if split not in ("train", "test"):
-        raise InputError(f"split is {shown(split)}, neither 'train' nor 'test'")
+        raise InputError(f"split is {abridged(split)}, neither 'train' nor 'test'")
     rotation, position = entry.table("rotation"), entry.table("position")
     if rotation.shape not in ((3, 3), (9,)) or position.shape != (3,):
         raise InputError(f"rotation and position have shapes {rotation.shape} and {position.shape}")
@@ -132,7 +132,7 @@ def _lens(lens: Any) -> Distortion | None:
     if lens is None:
         return None
     if not isinstance(lens, dict):
-        raise InputError(f"distortion is {shown(lens)}, not a kind with coefficients")
+        raise InputError(f"distortion is {abridged(lens)}, not a kind with coefficients")
     entries = Entries(lens)
     kind: Any = entries.text("kind")
     return Distortion(kind, tuple(entries.table("coefficients").ravel().tolist()))

@@ -44,7 +44,7 @@ class Entries:
         except (ValueError, OverflowError):
             number = math.nan
         if isinstance(value, bool) or not math.isfinite(number):
-            raise InputError(f"{name} is {shown(value)}, not a number; export it again")
+            raise InputError(f"{name} is {abridged(value)}, not a number; export it again")
         return number
 
     def needed(self, name: str) -> float:
@@ -66,7 +66,7 @@ class Entries:
         """
         value = self.get(name)
         if value is not None and not isinstance(value, str):
-            raise InputError(f"{name} is {shown(value)}, not a text; export it again")
+            raise InputError(f"{name} is {abridged(value)}, not a text; export it again")
         return value or None
 
     def flag(self, name: str) -> bool:
@@ -79,7 +79,7 @@ class Entries:
         words = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False, "": False}
         known = words.get(str(value).lower()) if isinstance(value, (bool, int, float, str)) else None
         if value is not None and known is None:
-            raise InputError(f"{name} is {shown(value)}, neither true nor false; export it again")
+            raise InputError(f"{name} is {abridged(value)}, neither true nor false; export it again")
         return bool(known)
 
     def table(self, name: str) -> np.ndarray:
@@ -94,9 +94,11 @@ class Entries:
         try:
             return np.array(value, np.float64)
         except (ValueError, TypeError, OverflowError):
-            raise InputError(f"{name} is {shown(value)}, not a table of numbers; export it again") from None
+            raise InputError(
+                f"{name} is {abridged(value)}, not a table of numbers; export it again"
+            ) from None
 
 
-def shown(value: Any) -> str:
+def abridged(value: Any) -> str:
     """A value in a line that can be read."""
     return _SHORT.repr(value).encode("ascii", "backslashreplace").decode()

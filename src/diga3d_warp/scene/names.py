@@ -25,6 +25,8 @@ UNREAD_IMAGES = {
 
 # Names that a line lists before it says how many more there are.
 _NAMES_LISTED = 8
+# Bytes of a file's name and letters of its path that systems take.
+_LONGEST_PART, _LONGEST_PATH = 255, 4096
 # Bytes of a view's name: file systems take 255, and outputs add endings to it.
 _LONGEST_NAME = 160
 # Code pages that names which are not UTF-8 may be in: Windows and DOS of western Europe, Windows of central
@@ -79,10 +81,11 @@ def inside(root: Path, name: str, source: Path, folders: Sequence[Path] = ()) ->
         folders: Further folders of the scene that the path may be relative to.
 
     Raises:
-        InputError: the path leaves the scene.
+        InputError: the path leaves the scene, or no file can be called so.
     """
-    if not name.strip() or "\0" in name:
-        raise InputError(f"{source}: {name!r} is no name of a file; export it again")
+    too_long = max(map(len, map(_bytes, re.split(r"[/\\]", name)))) > _LONGEST_PART
+    if not name.strip() or "\0" in name or too_long or len(name) > _LONGEST_PATH:
+        raise InputError(f"{source}: {name[:80]!r} is no name of a file; export it again")
     written = PurePosixPath(posixpath.normpath(name.replace("\\", "/")))
     if not leads_outside(name):
         return written.as_posix()
@@ -230,7 +233,10 @@ def is_utf8(name: str) -> bool:
 
 
 def _bytes(name: str) -> bytes:
-    return name.encode("utf-8", "surrogateescape")
+    try:
+        return name.encode("utf-8", "surrogateescape")
+    except UnicodeEncodeError:  # half a pair of UTF-16, which JSON can hold and no file name can
+        return name.encode("utf-8", "backslashreplace")
 
 
 def view_names(keys: Sequence[str]) -> dict[str, str]:

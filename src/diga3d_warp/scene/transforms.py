@@ -18,7 +18,7 @@ import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.camera import Camera, Distortion
-from diga3d_warp.scene.entries import Entries, shown
+from diga3d_warp.scene.entries import Entries, abridged
 from diga3d_warp.scene.names import inside
 from diga3d_warp.scene.poses import affine, without_scale, world_to_camera
 
@@ -143,7 +143,7 @@ def read_frames(
 
 def _file(root: Path, path: Path, number: int, frame: Any) -> PurePosixPath:
     if not isinstance(frame, dict):
-        raise InputError(f"{path}: frame {number} is {shown(frame)}, not an object; export it again")
+        raise InputError(f"{path}: frame {number} is {abridged(frame)}, not an object; export it again")
     try:
         name = Entries(frame).text("file_path")
     except InputError as error:
@@ -234,14 +234,14 @@ def _lens(entries: Entries, notes: list[str]) -> Distortion | None:
     fisheye = entries.flag("is_fisheye")
     if model and model not in (*_BROWN, *_FISHEYE):
         raise InputError(
-            f"camera_model {shown(model)} is not supported; undistort the images, or use PINHOLE, OPENCV or "
-            "OPENCV_FISHEYE"
+            f"camera_model {abridged(model)} is not supported; undistort the images, or use PINHOLE, OPENCV "
+            "or OPENCV_FISHEYE"
         )
     for name in _BENDING:
         if _bends(entries.get(name)):
             raise InputError(
-                f"{name} is {shown(entries.get(name))}: that part of a lens is not supported; undistort the "
-                "images"
+                f"{name} is {abridged(entries.get(name))}: that part of a lens is not supported; undistort "
+                "the images"
             )
     k1, k2, k3, k4, p1, p2 = (entries.number(name) or 0.0 for name in ("k1", "k2", "k3", "k4", "p1", "p2"))
     if fisheye or model in _FISHEYE:
@@ -277,7 +277,7 @@ def _unread(path: Path, contents: Mapping[str, Any], frames: Sequence[Mapping[st
         del given["n_frames"]
     notes = [f"{path}: {name} {what}" for name, what in _UNUSED.items() if name in given]
     known = _READ | _HARMLESS | set(_UNUSED) | set(_BENDING)
-    if unknown := sorted(shown(name)[1:-1] for name in given if name not in known):
+    if unknown := sorted(abridged(name)[1:-1] for name in given if name not in known):
         rest = f" and {len(unknown) - 8} more" if len(unknown) > 8 else ""
         notes.append(f"{path}: entries that are not read: {', '.join(unknown[:8])}{rest}")
     return notes
