@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from diga3d_warp.config import Accuracy
+from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians import fit as fitting
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import CURVE_INTERVAL, FitSettings, Target, fit
@@ -377,3 +378,63 @@ def test_no_gaussian_counts_as_unseen_before_every_image_had_its_turn(start, tar
         assert not fitting_._unseen().any()
     fitting_.iteration = 12
     assert fitting_._unseen().all()
+
+
+class Poison(torch.autograd.Function):
+    """A loss of zero whose gradient is not a number."""
+
+    @staticmethod
+    def forward(ctx, image):
+        ctx.save_for_backward(image)
+        return image.new_zeros(())
+
+    @staticmethod
+    def backward(ctx, _):
+        return torch.full_like(ctx.saved_tensors[0], torch.nan)
+
+
+def once(iteration: int, broken):
+    """A guide that breaks at an iteration of `POISONED`."""
+
+    def guide(image, done, generator):
+        return broken(image) if round(done * POISONED.iterations) == iteration else image.sum() * 0.0
+
+    return guide
+
+
+POISONED = replace(SETTINGS, iterations=30, coarse_part=0.0, depth_weight=1.0, checkpoint_seconds=-1.0)
+NAN = torch.full((HEIGHT, WIDTH), torch.nan)
+
+
+@pytest.mark.parametrize(
+    ("term", "change", "iteration"),
+    [
+        ("photometric loss", {"image": NAN[..., None].expand(-1, -1, 3)}, 1),
+        ("photometric loss", {"weight": NAN}, 1),
+        ("guide", {"guide": once(9, lambda image: image.sum() * torch.inf)}, 10),
+        ("gradient of the guide", {"guide": once(9, Poison.apply)}, 10),
+    ],
+    ids=["image", "weight", "guide", "gradient of a guide"],
+)
+def test_a_loss_that_is_not_finite_stops_the_fit(start, targets, tmp_path, term, change, iteration):
+    checkpoint = tmp_path / "checkpoint.pt"
+    broken = [replace(target, **change) for target in targets]
+    wanted = rf"refit: the {term} of image \d of 6 is (nan|inf|-inf) at iteration {iteration} of 30: \w+"
+    with pytest.raises(InputError, match=wanted):
+        fit(start, broken, 1.0, POISONED, checkpoint=checkpoint, label="refit")
+    assert checkpoint.exists() == (iteration > 1)
+    if iteration > 1:
+        state = torch.load(checkpoint)
+        assert state["iteration"] == iteration - 1
+        assert all(tensor.isfinite().all() for tensor in state["optimiser"]["tensors"].values())
+        # Mended, the fit goes on from there.
+        assert len(fit(start, targets, 1.0, POISONED, checkpoint=checkpoint).gaussians) == SETTINGS.budget
+
+
+def test_a_gradient_that_is_not_finite_stops_the_fit(start, targets, monkeypatch):
+    def loss(color, *others):
+        return Poison.apply(color)
+
+    monkeypatch.setattr(fitting, "photometric_loss", loss)
+    with pytest.raises(InputError, match=r"the gradient of image \d of 6 is nan at iteration 1"):
+        fit(start, targets, 1.0, SETTINGS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import torch
@@ -19,6 +19,7 @@ from diga3d_warp.kernels import plain
 from diga3d_warp.kernels.launch import set_thread_count, thread_count, timed_launches
 from diga3d_warp.splatting.arrays import warp_array
 from diga3d_warp.splatting.composite import composite
+from diga3d_warp.splatting.project import Projection
 from diga3d_warp.splatting.render import render
 from diga3d_warp.splatting.shade import shade
 
@@ -65,7 +66,7 @@ class Bench:
         noise = torch.Generator().manual_seed(garden.seed)
         seen = render(gaussians, self.camera, effects=EFFECTS).color
         self.photograph = (seen + NOISE * torch.randn(seen.shape, generator=noise)).clamp(0.0, 1.0)
-        self.optimiser = GaussianAdam(gaussians, STILL, extent=1.0)
+        self.optimiser = GaussianAdam(gaussians, STILL)
 
     def stages(self, repeats: int) -> Seconds:
         """Time every stage, each fed by the one before."""
@@ -86,8 +87,9 @@ class Bench:
             for repeat in range(repeats + 1):
                 start = time.perf_counter()
                 rendering = render(self.optimiser.gaussians(), self.camera, effects=EFFECTS)
-                self._loss(rendering.color).backward()
-                self.optimiser.step(0.5, visible=rendering.projection.visible)
+                loss = self._loss(rendering.color)
+                gradients = torch.autograd.grad(loss, list(self.optimiser.tensors.values()))
+                self._move(gradients, rendering.projection)
                 if repeat > 0:
                     seconds[WHOLE].append(time.perf_counter() - start)
         return seconds
@@ -153,14 +155,21 @@ class Bench:
         measured["blend adjoint"] = sum(t for name, t in launches if name == "composite_adjoint")
         measured["sum rows"] -= measured["blend adjoint"]
 
+        parameters = list(self.optimiser.tensors.values())
         with watch(measured, "shade adjoint"):
-            torch.autograd.backward(colors, adj_splats[3])
+            of_means, of_sh = torch.autograd.grad(colors, [gaussians.means, gaussians.sh], adj_splats[3])
         with watch(measured, "project adjoint"):
-            torch.autograd.backward(
-                [projection.centers, projection.roots, projection.opacities], list(adj_splats[:3])
-            )
+            gradients = list(torch.autograd.grad(
+                [projection.centers, projection.roots, projection.opacities], parameters[:4],
+                list(adj_splats[:3]),
+            ))  # fmt: skip
+            gradients[0] = gradients[0].add_(of_means)
         with watch(measured, "optimiser"):
-            self.optimiser.step(0.5, visible=projection.visible)
+            self._move([*gradients, of_sh], projection)
+
+    def _move(self, gradients: Sequence[torch.Tensor], projection: Projection) -> None:
+        by_name = dict(zip(self.optimiser.tensors, gradients, strict=True))
+        self.optimiser.step(by_name, STILL.means, visible=projection.visible)
 
     def _loss(self, color: torch.Tensor) -> torch.Tensor:
         return photometric_loss(color, self.photograph, None, SSIM_WEIGHT)

@@ -107,16 +107,26 @@ def spread_out(gaussians: Gaussians, spread: float, generator: torch.Generator) 
 
 
 @torch.no_grad()
-def walk(optimiser: GaussianAdam, settings: DensitySettings, generator: torch.Generator, held=None) -> None:
-    """Shake faint gaussians within their own shape (3DGS-MCMC Eq. 8), so that they find something to show."""
-    tensors = {name: tensor.detach() for name, tensor in optimiser.tensors.items()}
+def walk(
+    gaussians: Gaussians, means_rate: float, settings: DensitySettings, generator: torch.Generator,
+    held: torch.Tensor | None = None,
+) -> None:  # fmt: skip
+    """Shake faint gaussians within their own shape (3DGS-MCMC Eq. 8), so that they find something to show.
+
+    Args:
+        gaussians: Their means are moved in place.
+        means_rate: Learning rate of the means, the unit of the walk [scene units].
+        settings: Size and gate of the walk.
+        generator: Source of the noise.
+        held: Gaussians that stay, shape (N,), bool.
+    """
     if held is None:
-        held = torch.zeros(len(tensors["means"]), dtype=torch.bool, device=tensors["means"].device)
-    shapes = vector_arrays([tensors[name] for name in ("log_scales", "quaternions", "opacity_logits")])
+        held = torch.zeros(len(gaussians), dtype=torch.bool, device=gaussians.means.device)
+    shapes = vector_arrays([gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits])
     kernels.walk(
         int(torch.randint(2**31 - 1, (), generator=generator)), shapes, warp_array(held, wp.bool),
         settings.noise_opacity_max, settings.noise_steepness, settings.noise_threshold,
-        settings.noise * optimiser.means_rate, warp_array(tensors["means"], wp.vec3),
+        settings.noise * means_rate, warp_array(gaussians.means, wp.vec3),
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,7 +23,6 @@ from diga3d_warp.gaussians.optimiser import GaussianAdam, LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.images import BACKGROUND
-from diga3d_warp.splatting.project import Projection
 from diga3d_warp.splatting.render import Rendering, render
 
 
@@ -154,6 +154,16 @@ class FitResult:
     exposures: torch.Tensor | None = None
 
 
+_PRIOR = "the prior gives numbers that are not finite; run it in float32, or leave out the fine stage"
+REMEDIES = {
+    "photometric loss": "check that image and its weights for numbers that are not finite",
+    "depth loss": "check the depth of that image",
+    "guide": _PRIOR,
+    "gradient of the guide": _PRIOR,
+    "gradient": "numbers leave the range of float32; check cameras and images for absurd values",
+}
+"""What a user can do about each term of a fit that is not finite."""
+
 CURVE_INTERVAL = 25
 """Iterations between two points of the curve, each the mean over them."""
 
@@ -189,16 +199,17 @@ def fit(
         checkpoint: File to go on from if it exists, and to save to.
         note: Told if the checkpoint is unusable; the fit then begins anew.
         progress: Show a bar on stderr.
-        label: Name of the bar.
+        label: Name of the fit, on the bar and in errors.
 
     Raises:
-        InputError: there are no gaussians.
+        InputError: there are no gaussians; a loss or a gradient is not finite, after which no step is taken
+            and the checkpoint stays as it is.
     """
     from tqdm import trange
 
     if len(gaussians) == 0:
         raise InputError("there are no gaussians to fit: start from one at least")
-    fitting = _Fit(gaussians, targets, extent, settings, seed, held, effects)
+    fitting = _Fit(gaussians, targets, extent, settings, seed, held, effects, label)
     if checkpoint is not None:
         fitting.go_on(checkpoint, note)
     saved = time.monotonic()
@@ -222,13 +233,14 @@ class _Fit:
     """The state of a fit between two steps; all of it is in a checkpoint."""
 
     def __init__(
-        self, gaussians, targets, extent, settings: FitSettings, seed: int, held, effects: Effects = Effects()
-    ) -> None:
-        self.settings, self.effects, self.extent = settings, effects, extent
+        self, gaussians, targets, extent, settings: FitSettings, seed: int, held,
+        effects: Effects = Effects(), label: str = "fit",
+    ) -> None:  # fmt: skip
+        self.settings, self.effects, self.extent, self.label = settings, effects, extent, label
         self.held, self.seed = held, seed
         self.targets = list(targets)
         self.coarse = [target.halved() for target in targets] if settings.coarse_part > 0.0 else []
-        self.optimiser = GaussianAdam(gaussians, settings.rates, extent)
+        self.optimiser = GaussianAdam(gaussians, settings.rates)
         self.exposures = Exposures([target.camera for target in targets]) if effects.exposure else None
         self.generator = torch.Generator().manual_seed(seed)
         self.first_count = len(gaussians)
@@ -257,23 +269,37 @@ class _Fit:
         wanted, color = target.over(behind), rendering.color
         if exposure is not None:
             color = exposed(color, exposure)
-        loss = photometric_loss(color, wanted, target.weight, s.ssim_weight)
+        losses = {"photometric loss": photometric_loss(color, wanted, target.weight, s.ssim_weight)}
         if with_depth:
             assert target.depth is not None
-            loss = loss + s.depth_weight * depth_loss(
+            losses["depth loss"] = s.depth_weight * depth_loss(
                 rendering.depth, target.depth, target.weight, aligned=target.relative_depth
             )
+        leaves, projection = dict(gaussians.named()), rendering.projection
+        sources = [*leaves.values(), projection.centers]
         if target.guide is not None:
-            loss = loss + target.guide(rendering.color, done, self.generator)
+            sources.append(rendering.color.view_as(rendering.color))  # for the gradient of the guide alone
+            losses["guide"] = target.guide(sources[-1], done, self.generator)
+        loss = sum(losses.values(), torch.zeros(()))
+        self._require_finite(losses, index)
+
         regularised = loss + s.opacity_weight * gaussians.opacities.mean()
         regularised = regularised + s.scale_weight * gaussians.scales.mean() / self.extent
-        rendering.projection.centers.retain_grad()
-        regularised.backward()
-        self._note_pull(rendering.projection)
-        self.optimiser.step(done, self._held(len(gaussians)), rendering.projection.visible)
+        gradients = torch.autograd.grad(regularised, sources)
+        if target.guide is not None:
+            self._require_finite({"gradient of the guide": gradients[-1].sum()}, index)
+        of_leaves, of_centers = gradients[: len(leaves)], gradients[len(leaves)]
+        pull = of_centers.norm(dim=1)
+        self._require_finite({"gradient": pull.sum()}, index)
+        means_rate = s.rates.of_means(done, self.extent)
+        self.optimiser.step(
+            dict(zip(leaves, of_leaves, strict=True)), means_rate, self._held(len(gaussians)),
+            projection.visible,
+        )  # fmt: skip
+        self._note(pull, projection.visible)
         if self.exposures and done >= EXPOSING.begin:
             self._update_exposure(index, target, rendering, wall)
-        self._control_density(done)
+        self._control_density(done, means_rate)
         self._record(float(loss.detach()), color.detach(), wanted, target.weight)
         self.iteration += 1
         self.seconds += time.perf_counter() - start
@@ -305,13 +331,25 @@ class _Fit:
         degree = sum(done >= part for part in self.settings.sh_steps)
         return degree if self.effects.sh_degree is None else min(degree, self.effects.sh_degree)
 
-    def _note_pull(self, projection: Projection) -> None:
+    def _require_finite(self, terms: dict[str, torch.Tensor], index: int) -> None:
+        """Stop where a term is not finite: gaussians would be lost for good, and in silence.
+
+        Raises:
+            InputError: names the term, the image, the iteration, and what would mend it.
+        """
+        for name, value in terms.items():
+            if not math.isfinite(value.detach()):
+                raise InputError(
+                    f"{self.label}: the {name} of image {index + 1} of {len(self.targets)} is "
+                    f"{float(value.detach())} at iteration {self.iteration + 1} of "
+                    f"{self.settings.iterations}: {REMEDIES[name]}"
+                )
+
+    def _note(self, pull: torch.Tensor, visible: torch.Tensor) -> None:
         """Add up how hard this image pulls on the centres of the gaussians that it shows."""
-        gradient = projection.centers.grad
-        assert gradient is not None
-        self.pull += gradient.norm(dim=1)
-        self.shown += projection.visible
-        self.last_shown[projection.visible] = self.iteration
+        self.pull += pull
+        self.shown += visible
+        self.last_shown[visible] = self.iteration
 
     def _unseen(self) -> torch.Tensor:
         """Which gaussians no image has shown, though every one had its turn since, shape (N,), bool.
@@ -331,7 +369,7 @@ class _Fit:
             return None
         return torch.nn.functional.pad(self.held, (0, count - len(self.held)))
 
-    def _control_density(self, done: float) -> None:
+    def _control_density(self, done: float, means_rate: float) -> None:
         s, density = self.settings, self.settings.density
         held = self._held(len(self.optimiser.tensors["means"]))
         if density.begin <= done < density.end and self.iteration % density.interval == 0:
@@ -350,7 +388,7 @@ class _Fit:
             self.last_shown[placed] = self.iteration
             held = self._held(count)
         if done < density.end:
-            walk(self.optimiser, density, self.generator, held)
+            walk(self.optimiser.gaussians(), means_rate, density, self.generator, held)
 
     def _record(self, loss: float, color: torch.Tensor, wanted: torch.Tensor, weight) -> None:
         if weight is None:

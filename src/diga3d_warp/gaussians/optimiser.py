@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +40,15 @@ class LearningRates:
     def sh_rest(self) -> float:
         return self.sh_dc / 20.0
 
+    def of_means(self, progress: float, extent: float) -> float:
+        """Rate of the means after a part of the iterations in [0, 1] [scene units].
+
+        Args:
+            progress: Part of the iterations that is done.
+            extent: Unit of both rates [scene units].
+        """
+        return extent * self.means * (self.means_final / self.means) ** progress
+
 
 class GaussianAdam:
     """Gaussians as leaf tensors, each with its moments.
@@ -49,13 +59,12 @@ class GaussianAdam:
         steps: Steps done.
     """
 
-    def __init__(self, gaussians: Gaussians, rates: LearningRates, extent: float) -> None:
-        """Start from a copy of `gaussians`; `extent` is the unit of position rates [scene units]."""
-        self.rates, self.extent = rates, extent
+    def __init__(self, gaussians: Gaussians, rates: LearningRates) -> None:
+        """Start from a copy of `gaussians`."""
+        self.rates = rates
         self.tensors = dict(gaussians.detached().requires_grad_().named())
         self.moments = {name: _no_moments(tensor) for name, tensor in self.tensors.items()}
         self.steps = 0
-        self.means_rate = rates.means * extent
 
     def gaussians(self) -> Gaussians:
         """The leaf tensors as gaussians."""
@@ -63,28 +72,25 @@ class GaussianAdam:
 
     @torch.no_grad()
     def step(
-        self, progress: float, held: torch.Tensor | None = None, visible: torch.Tensor | None = None
-    ) -> None:
-        """One step of Adam, after a backward pass.
+        self, gradients: Mapping[str, torch.Tensor], means_rate: float,
+        held: torch.Tensor | None = None, visible: torch.Tensor | None = None,
+    ) -> None:  # fmt: skip
+        """One step of Adam.
 
         Args:
-            progress: Part of the iterations that is done, in [0, 1]; sets the rate of the means.
+            gradients: Gradient of each tensor, by its name.
+            means_rate: Learning rate of the means [scene units]; those of the others do not change.
             held: Rows that must not move, shape (N,), bool.
             visible: Rows that are visible in the image, shape (N,), bool; the others keep value and moments.
                 None: all.
         """
-        first, last = self.rates.means * self.extent, self.rates.means_final * self.extent
-        self.means_rate = first * (last / first) ** progress
         self.steps += 1
         moving = self._moving(held, visible)
         for name, tensor in self.tensors.items():
-            if tensor.grad is None:
-                continue
             flat = [warp_array(part.view(-1), wp.float32) for part in (tensor, *self.moments[name])]
-            gradient = warp_array(tensor.grad.contiguous().view(-1), wp.float32)
-            rates = self._rates_of(name)
+            gradient = warp_array(gradients[name].contiguous().view(-1), wp.float32)
+            rates = self._rates_of(name, means_rate)
             adam.step(len(tensor), len(rates), moving, gradient, rates, self.steps, flat)
-            tensor.grad = None
 
     def _moving(self, held: torch.Tensor | None, visible: torch.Tensor | None) -> wp.array:
         """1 where a row moves, else 0, shape (N,), int32."""
@@ -96,11 +102,11 @@ class GaussianAdam:
             moving[~visible] = 0
         return warp_array(moving, wp.int32)
 
-    def _rates_of(self, name: str) -> list[float]:
+    def _rates_of(self, name: str, means_rate: float) -> list[float]:
         """Learning rate of each number in a row of a parameter."""
         width = self.tensors[name][:1].numel()
         if name == "means":
-            return [self.means_rate] * width
+            return [means_rate] * width
         if name == "sh":
             return [self.rates.sh_dc] * 3 + [self.rates.sh_rest] * (width - 3)
         return [getattr(self.rates, name)] * width
@@ -125,16 +131,14 @@ class GaussianAdam:
     def state_dict(self) -> dict[str, Any]:
         """Everything that `load_state_dict` needs to go on as if nothing had happened."""
         tensors = {name: tensor.detach() for name, tensor in self.tensors.items()}
-        return {
-            "tensors": tensors, "moments": self.moments, "steps": self.steps, "means_rate": self.means_rate
-        }  # fmt: skip
+        return {"tensors": tensors, "moments": self.moments, "steps": self.steps}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Continue from `state_dict`, whatever the number of gaussians was."""
         for name, tensor in state["tensors"].items():
             self.tensors[name] = tensor.clone().requires_grad_()
             self.moments[name] = [moment.clone() for moment in state["moments"][name]]
-        self.steps, self.means_rate = state["steps"], state["means_rate"]
+        self.steps = state["steps"]
 
 
 def _no_moments(tensor: torch.Tensor) -> list[torch.Tensor]:
