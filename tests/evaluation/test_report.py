@@ -131,6 +131,16 @@ def test_text_is_escaped(tmp_path):
     assert "&lt;script&gt;alert" in text
 
 
+def test_names_of_views_are_escaped(toy_run):
+    """Views are named after the user's files, and a file may be called anything."""
+    name = "<b onclick='a'>\"&"
+    for folder in ("views/before", "views/after", "masks"):
+        write_image(toy_run.folder / folder / f"{name}.png", np.full((40, 60, 3), 0.5))
+    text = write_report(toy_run.folder).read_text()
+    assert_offline(text)
+    assert "<b onclick" not in text and text.count("&lt;b onclick=") >= 2
+
+
 def test_broken_picture_is_named(toy_run):
     add_views(toy_run.folder, 1)
     path = toy_run.folder / "views" / "after" / "shot 00.png"

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
-from diga3d_warp.scene.folders import image_folders, images_below, walk
+from diga3d_warp.scene.folders import image_folders, images_below, is_run, walk
 from diga3d_warp.scene.names import find_images, inside, leads_outside, listed
 
 # Names that are looked for in each folder where `images` is not there.
@@ -57,7 +57,7 @@ def name_images(root: Path, written: Sequence[str], source: Path, *, from_root: 
     elif from_root:
         folders = {1: root}
     names = {name: path.as_posix() for name, path in paths.items()}
-    if not folders and (found := _search(root, list(names.values()))) is not None:
+    if not folders and not is_run(root) and (found := _search(root, list(names.values()))) is not None:
         folders = {1: found}
         if found != root:
             notes.append(f"{root}: the photographs are read from {found.relative_to(root).as_posix()}")

@@ -73,6 +73,8 @@ def load_scene(
     path = Path(path)
     found = recognise(path)
     root, capture = found.root, _read(found, progress)
+    if found.images is not None and (chosen := _only(capture.image_folders, found.images)):
+        capture = replace(capture, image_folders=chosen)
     if not capture.image_folders:
         raise InputError(no_photographs(root))
     shots = _shots(capture, root)
@@ -111,6 +113,8 @@ def load_scene(
     if mask_files.ground_truth:
         held_out = (held_out or frozenset()) | mask_files.ground_truth
     train, test = _split(views, held_out, hold_out)
+    if not train:
+        raise InputError(f"{root}: its split leaves no view for training; correct it, or restore the images")
     if mask_files.files:
         notes += mask_notes(train, mask_folder or root)
         train = without_covering(train)
@@ -146,6 +150,11 @@ def _read(found: Recognised, progress: bool) -> Capture:
         points, notes = read_splat_points(found.splat)
         capture = replace(capture, kind="splat", points=points, notes=[*capture.notes, *notes])
     return capture
+
+
+def _only(folders: Mapping[int, Path], chosen: Path) -> dict[int, Path]:
+    """The image folder that was named, by its factor; none if the capture does not have it."""
+    return {factor: folder for factor, folder in folders.items() if folder.samefile(chosen)}
 
 
 def _map_folder(root: Path, progress: bool) -> Capture:

@@ -107,9 +107,11 @@ def leads_outside(name: str) -> bool:
 
 def _is_named(path: Path) -> bool:
     """Whether a path is an image or a point cloud, or an image without its ending."""
-    if path.suffix.lower() in IMAGE_SUFFIXES | {".ply"} and path.is_file():
-        return True
-    return any(path.with_name(path.name + suffix).is_file() for suffix in IMAGE_SUFFIXES)
+    endings = ("",) if path.suffix.lower() in IMAGE_SUFFIXES | {".ply"} else tuple(IMAGE_SUFFIXES)
+    try:
+        return any(path.with_name(path.name + ending).is_file() for ending in endings)
+    except OSError:  # a name that no file can have
+        return False
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,8 @@ def find_images(names: Sequence[str], folder: Path, files: Sequence[Path]) -> Fo
 
     def match(spelled: Callable[[str], str]) -> dict[str, list[str]]:
         """Names left, and the files left that are spelled alike; none where two names are."""
-        free = {name for name, path in relative.items() if path not in set(found.values())}
+        used = set(found.values())
+        free = [name for name, path in relative.items() if path not in used]
         left = [name for name in names if name not in found]
         spellings = Counter(spelled(name) for name in dict.fromkeys(left))
         alike: dict[str, list[str]] = {}
@@ -161,7 +164,7 @@ def find_images(names: Sequence[str], folder: Path, files: Sequence[Path]) -> Fo
     for spelled in (plain, lambda name: plain(name).casefold()):
         found |= {name: relative[some[0]] for name, some in match(spelled).items() if len(some) == 1}
     for spelled in (lambda name: image_key(plain(name)), lambda name: image_key(plain(name)).casefold()):
-        chosen = {name: some for name, some in match(spelled).items() if some}
+        chosen = {name: some for name, some in match(spelled).items() if some and not _are_one(some, plain)}
         found |= {name: relative[some[0]] for name, some in chosen.items()}
         notes += _ending_notes(folder, chosen)
     for spelled in (
@@ -177,6 +180,11 @@ def find_images(names: Sequence[str], folder: Path, files: Sequence[Path]) -> Fo
                 f"{folder}: {len(only)} images are found by a part of their names only: {_pairs(only)}"
             )
     return Found(found, notes)
+
+
+def _are_one(names: Sequence[str], plain: Callable[[str], str]) -> bool:
+    """Whether the likeliest of several names differs from another in upper and lower case only."""
+    return plain(names[0]).casefold() in {plain(name).casefold() for name in names[1:]}
 
 
 def likelihood(name: str) -> tuple[int, str]:

@@ -58,6 +58,7 @@ class Recognised:
         splat: The splat that belongs to them.
         notes: What was chosen and what is not used, one line each.
         also: Further files with poses that are read as well, or that the notes speak of.
+        images: The image folder that was named, if one was.
     """
 
     root: Path
@@ -66,6 +67,7 @@ class Recognised:
     splat: Path | None = None
     notes: Sequence[str] = ()
     also: Sequence[Path] = ()
+    images: Path | None = None
 
 
 def recognise(path: Path) -> Recognised:
@@ -74,7 +76,11 @@ def recognise(path: Path) -> Recognised:
     Raises:
         InputError: nothing that is read; the line says what there is instead.
     """
-    if not path.exists():
+    try:
+        there = path.exists()
+    except OSError:  # a name that no file can have
+        there = False
+    if not there:
         raise InputError(f"{path}: there is no such file or folder; give the folder of a capture")
     if path.is_file():
         return _file(path)
@@ -87,7 +93,8 @@ def recognise(path: Path) -> Recognised:
             return replace(_model(chosen.folder, path), notes=chosen.notes)
     elif _is_part(path):
         found = _folder(path.parent)
-        return replace(found, notes=[f"{path} is a part of {path.parent}, which is read", *found.notes])
+        note = f"{path} is a part of {path.parent}, whose poses are read"
+        return replace(found, notes=[note, *found.notes], images=path)
     return _folder(path)
 
 
