@@ -118,7 +118,6 @@ def test_long_names_leave_room_for_endings():
         "C:\\a.jpg",
         "x/../../a.jpg",
         "//host/a.jpg",
-        "x" * 300 + "/../..",
     ],
 )
 def test_paths_that_leave_the_scene(tmp_path, name):
@@ -126,7 +125,7 @@ def test_paths_that_leave_the_scene(tmp_path, name):
         inside(tmp_path, name, tmp_path / "transforms.json")
 
 
-@pytest.mark.parametrize("name", ["", " ", "a\0b"])
+@pytest.mark.parametrize("name", ["", " ", "a\0b", "x" * 300, "/" + "é" * 200 + "/a.jpg"])
 def test_names_that_no_file_has(tmp_path, name):
     with pytest.raises(InputError, match="is no name of a file"):
         inside(tmp_path, name, tmp_path / "transforms.json")
