@@ -211,7 +211,11 @@ def test_an_object_that_one_view_shows_grows_there(removed, tmp_path):
     assert notes == ["1 of 7 views show enough of the object to be references; 2 were asked for"]
     imagined = [
         Imagined(
-            view, view.pixels.astype(np.float32) / 255.0, np.full(view.mask.shape, 2.0, np.float32), False
+            view,
+            view.mask,
+            view.pixels.astype(np.float32) / 255.0,
+            np.full(view.mask.shape, 2.0, np.float32),
+            False,
         )
         for view in views
     ]

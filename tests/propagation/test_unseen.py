@@ -46,6 +46,10 @@ def board_scene(eyes):
     return views, [depth] * len(views), [alpha] * len(views)
 
 
+def masks_of(views):
+    return [view.mask for view in views]
+
+
 EYES = np.linspace(-0.9, 0.9, 7)
 
 
@@ -63,7 +67,9 @@ def seen_by_two(eyes, i):
 
 def test_only_what_no_view_sees_remains_and_the_rest_has_the_true_colours():
     views, depths, alphas = board_scene(EYES)
-    for i, (view, background) in enumerate(zip(views, observe_behind(views, depths, alphas), strict=True)):
+    for i, (view, background) in enumerate(
+        zip(views, observe_behind(views, masks_of(views), depths, alphas), strict=True)
+    ):
         x, y, seen = seen_by_two(EYES, i)
         truth = view.mask & ~seen
         assert 0.05 < truth.sum() / view.mask.sum() < 0.95
@@ -80,7 +86,7 @@ def test_a_hole_without_opacity_is_unseen():
     views, depths, alphas = board_scene(EYES)
     alphas = [alpha.copy() for alpha in alphas]
     alphas[3][30:60, 40:80] = 0.1
-    background = observe_behind(views, depths, alphas)[3]
+    background = observe_behind(views, masks_of(views), depths, alphas)[3]
     assert background.unseen[views[3].mask & (alphas[3] < 0.5)].all()
 
 
@@ -88,7 +94,7 @@ def test_a_depth_that_other_views_deny_is_unseen():
     views, depths, alphas = board_scene(EYES)
     depths = [depth.copy() for depth in depths]
     depths[3][views[3].mask] = 0.8 * WALL  # a floater where the object was, which nobody else renders
-    background = observe_behind(views, depths, alphas)[3]
+    background = observe_behind(views, masks_of(views), depths, alphas)[3]
     assert background.unseen[views[3].mask].mean() > 0.95
 
 
@@ -101,26 +107,28 @@ def test_the_backs_of_surfaces_do_not_count():
         View(f"b{n}", view.camera.with_pose(turned), np.full_like(view.pixels, 255), np.zeros_like(view.mask))
         for n, view in enumerate(views)
     ]
-    alone = observe_behind(views, depths, alphas)[0]
-    joined = observe_behind([*views, *behind], depths * 2, alphas * 2)[0]
+    alone = observe_behind(views, masks_of(views), depths, alphas)[0]
+    joined = observe_behind([*views, *behind], masks_of([*views, *behind]), depths * 2, alphas * 2)[0]
     np.testing.assert_array_equal(joined.unseen, alone.unseen)
     assert alone.unseen.sum() > 0.8 * views[0].mask.sum()
 
 
 def test_one_view_and_empty_masks():
     views, depths, alphas = board_scene([0.0])
-    np.testing.assert_array_equal(observe_behind(views, depths, alphas)[0].unseen, views[0].mask)
+    np.testing.assert_array_equal(
+        observe_behind(views, masks_of(views), depths, alphas)[0].unseen, views[0].mask
+    )
     empty = views[0].with_mask(np.zeros_like(views[0].mask))
-    background = observe_behind([empty], depths, alphas)[0]
+    background = observe_behind([empty], masks_of([empty]), depths, alphas)[0]
     assert not background.unseen.any() and not background.observed.any()
 
 
-def test_a_view_without_a_mask_is_refused():
+def test_sizes_that_do_not_fit_are_refused():
     views, depths, alphas = board_scene([0.0, 0.1])
-    with pytest.raises(InputError, match="01"):
-        observe_behind([views[0], views[1].with_mask(None)], depths, alphas)
+    with pytest.raises(InputError, match=r"view 01 .* one size"):
+        observe_behind(views, [views[0].mask, views[1].mask[1:]], depths, alphas)
     with pytest.raises(InputError, match="one size"):
-        observe_behind(views, [depths[0][:-1], depths[1]], alphas)
+        observe_behind(views, masks_of(views), [depths[0][:-1], depths[1]], alphas)
 
 
 def cut_scene(plinth: float):
@@ -148,7 +156,7 @@ def test_where_nothing_is_behind_nothing_is_missing():
     _, ry = rays()
     above = np.broadcast_to(WALL * ry < 0.0, views[0].mask.shape)
     for eye, view, alpha, background in zip(
-        EYES, views, alphas, observe_behind(views, depths, alphas), strict=True
+        EYES, views, alphas, observe_behind(views, masks_of(views), depths, alphas), strict=True
     ):
         nothing = view.mask & above
         hole = view.mask & ~above & (alpha == 0.0)
@@ -169,7 +177,7 @@ def test_a_rim_of_a_photograph_is_nobodys_witness():
         own[:, ::8] = 128
         pixels = np.where(own[..., None] < 255, (view.pixels // 2 + 128).astype(np.uint8), view.pixels)
         rimmed.append(replace(view, pixels=pixels, alpha=own))
-    for i, background in enumerate(observe_behind(rimmed, depths, alphas)):
+    for i, background in enumerate(observe_behind(rimmed, masks_of(rimmed), depths, alphas)):
         x, y, _ = seen_by_two(EYES, i)
         error = np.abs(background.image - wall_color(x, y))[background.observed]
         assert background.observed.sum() > 100 and np.median(error) < 0.005 and (error < 0.03).all()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,6 @@ from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.marking import Marks
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.scene import Scene, View
-from diga3d_warp.state import read_mask
 
 SHEET = "mask_sheet.png"
 
@@ -51,8 +50,8 @@ class CarrySettings:
     columns: int = 6
 
 
-def carry_masks(run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: LiftSettings) -> Scene:
-    """Masks for all views from those of the marked ones; the scene as it is if it brought its own masks.
+def carry_masks(run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: LiftSettings) -> stages.Masks:
+    """Object masks: of all views from those of the marked ones; the user's, if the scene brought its own.
 
     The gaussians that the marked views show the object by give every other view a rough mask, whose edge
     GrabCut then lays along the colours. A sheet of all masks goes into the run folder.
@@ -60,29 +59,27 @@ def carry_masks(run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: L
     Raises:
         InputError: the masks lift to no gaussian.
     """
-    if marks.own:
-        return scene
     views = [*scene.views, *scene.test_views]
+    given = {view.name: view.mask for view in views if view.mask is not None}
+    if marks.own:
+        return given
     settings = CarrySettings()
 
     def compute(folder: Path) -> None:
-        known = [view for view in views if view.mask is not None]
-        seeds, candidates = object_seeds(source, known, lift, settings, run.effects)
+        seeds, candidates = object_seeds(source, _votes(source, views, given, run.effects), lift, settings)
         if not seeds.any():
             raise InputError(
                 f"{scene.path}: the marked object lifts to no gaussian; mark what the splat shows"
             )
-        cut = [
-            view if view.mask is not None
-            else view.with_mask(_carried(source, view, seeds, candidates, lift, settings, run.effects))
-            for view in views
-        ]  # fmt: skip
+        cut = dict(given)
+        for view in views:
+            if view.name not in given:
+                cut[view.name] = _carried(source, view, seeds, candidates, lift, settings, run.effects)
         # Each view was cut by itself; a vote of all makes them tell of one object.
-        votes = _votes(source, cut, run.effects)
-        rows = object_rows(votes, lift)
+        rows = object_rows(_votes(source, views, cut, run.effects), lift)
         masks = []
         for view in views:
-            mask = view.mask
+            mask = given.get(view.name)
             if mask is None:
                 mask = object_mask(source, view.camera, rows, lift, run.effects)
             write_image(folder / f"{view.name}.png", mask)
@@ -91,28 +88,22 @@ def carry_masks(run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: L
 
     folder = run.stage("carry", compute)
     run.publish(folder / SHEET, SHEET)
-
-    def read(view: View) -> View:
-        return view.with_mask(read_mask(folder / f"{view.name}.png"))
-
-    return replace(
-        scene, views=[read(view) for view in scene.views], test_views=[read(v) for v in scene.test_views]
-    )
+    return stages.read_masks(folder, views)
 
 
-def _votes(source: Gaussians, views: Sequence[View], effects: Effects) -> Votes:
-    """What views with masks say of each gaussian."""
-    return vote(source, [view.camera for view in views], [stages.mask_of(view) for view in views], effects)
+def _votes(source: Gaussians, views: Sequence[View], masks: stages.Masks, effects: Effects) -> Votes:
+    """What the views that have a mask say of each gaussian."""
+    known = [view for view in views if view.name in masks]
+    return vote(source, [view.camera for view in known], [masks[view.name] for view in known], effects)
 
 
 def object_seeds(
-    source: Gaussians, known: Sequence[View], lift: LiftSettings, settings: CarrySettings, effects: Effects
+    source: Gaussians, votes: Votes, lift: LiftSettings, settings: CarrySettings
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Gaussians that the masked views show to be the object, and those that may be, both shape (N,), bool."""
     from scipy.ndimage import label
     from scipy.spatial import cKDTree
 
-    votes = _votes(source, known, effects)
     seen = votes.total > lift.faint
     rows = (seen & (votes.share > lift.share)).numpy()
     if not rows.any():

@@ -118,6 +118,7 @@ def seeds_of(
 
 def refit(
     run: Run,
+    views: Sequence[View],
     cleared: stages.Cleared,
     backgrounds: Sequence[Background],
     fills: Sequence[Fill],
@@ -130,10 +131,10 @@ def refit(
 
     def compute(folder: Path) -> None:
         start = cleared.gaussians
-        for added in seeds_of(cleared.views, fills, references, start.sh.shape[1]):
+        for added in seeds_of(views, fills, references, start.sh.shape[1]):
             start = start.joined(added)
         result = fit(
-            start, targets_of(cleared.views, backgrounds, fills), extent, settings, effects=run.effects,
+            start, targets_of(views, backgrounds, fills), extent, settings, effects=run.effects,
             seed=seed, held=cleared.held(len(start)), checkpoint=folder / "checkpoint.pt", note=run.note,
             progress=True, label="refit",
         )  # fmt: skip

@@ -42,13 +42,15 @@ class Imagined:
     """A view with the new object in it.
 
     Attributes:
-        view: Camera, and the widened mask of the old object, where the new one is.
+        view: Camera, and opacity of the photograph.
+        mask: The edit mask of the old object, within which the new one is, shape (H, W), bool.
         image: RGB in [0, 1], shape (H, W, 3), float32.
         depth: First guess of z [scene units], shape (H, W), float32; 0 where there is none.
         measured: Whether the depth was estimated from the image. If not, it is that of the old object.
     """
 
     view: View
+    mask: np.ndarray
     image: np.ndarray
     depth: np.ndarray
     measured: bool
@@ -63,7 +65,7 @@ class Imagined:
         image = torch.from_numpy(to_bytes(self.image))
         alpha = self.view.alpha
         if alpha is not None:
-            alpha = np.where(stages.mask_of(self.view), np.uint8(255), alpha)
+            alpha = np.where(self.mask, np.uint8(255), alpha)
         return Target(
             self.view.camera, image, depth=depth, relative_depth=self.measured, alpha=stages.tensor_of(alpha)
         )
@@ -72,6 +74,7 @@ class Imagined:
 def imagine(
     run: Run,
     views: Sequence[View],
+    edit_masks: Sequence[np.ndarray],
     sights: Sequence[Sight],
     cleared: Gaussians,
     references: References,
@@ -85,7 +88,7 @@ def imagine(
     """
 
     def compute(folder: Path) -> None:
-        masks = [torch.from_numpy(stages.mask_of(view)) for view in views]
+        masks = [torch.from_numpy(mask) for mask in edit_masks]
         images = [
             torch.where(mask[..., None], torch.from_numpy(sight.image), _seen(run, cleared, view)[0])
             for mask, sight, view in zip(masks, sights, views, strict=True)
@@ -110,6 +113,7 @@ def imagine(
 def measure(
     run: Run,
     views: Sequence[View],
+    edit_masks: Sequence[np.ndarray],
     sights: Sequence[Sight],
     images: Sequence[np.ndarray],
     cleared: Gaussians,
@@ -123,9 +127,9 @@ def measure(
 
     def compute(folder: Path) -> None:
         measured = []
-        for view, sight, image in zip(views, sights, images, strict=True):
+        for view, mask, sight, image in zip(views, edit_masks, sights, images, strict=True):
             behind = _seen(run, cleared, view)[1]
-            depth = None if estimator is None else _estimated(run, view, image, behind, estimator)
+            depth = None if estimator is None else _estimated(run, view, mask, image, behind, estimator)
             measured.append(depth is not None)
             if depth is None:
                 depth = np.where(sight.mask, sight.depth, behind.numpy())
@@ -135,8 +139,8 @@ def measure(
     folder = run.stage("measure", compute)
     measured = read_state(folder / MEASURED, Measured)["measured"]
     return [
-        Imagined(view, image, read_array(folder / f"{view.name}.npy"), known)
-        for view, image, known in zip(views, images, measured, strict=True)
+        Imagined(view, mask, image, read_array(folder / f"{view.name}.npy"), known)
+        for view, mask, image, known in zip(views, edit_masks, images, measured, strict=True)
     ]
 
 
@@ -153,11 +157,10 @@ def grow(
 
     def compute(folder: Path) -> None:
         start, coefficients = cleared, cleared.sh.shape[1]
-        masks = [stages.mask_of(each.view) for each in imagined]
         for index in references.indices:
             each = imagined[index]
             added = from_image(
-                each.image, each.depth, masks[index], each.view.camera, coefficients, SEEDS_PER_REFERENCE
+                each.image, each.depth, each.mask, each.view.camera, coefficients, SEEDS_PER_REFERENCE
             )
             start = start.joined(added)
         result = fit(
@@ -179,11 +182,11 @@ def _seen(run: Run, cleared: Gaussians, view: View) -> tuple[torch.Tensor, torch
 
 
 def _estimated(
-    run: Run, view: View, image: np.ndarray, behind: torch.Tensor, estimator: DepthEstimator
+    run: Run, view: View, mask: np.ndarray, image: np.ndarray, behind: torch.Tensor, estimator: DepthEstimator
 ) -> np.ndarray | None:
     """z of a coarse image [scene units], shape (H, W), or None where the estimate is of no use."""
     disparity = estimator.disparity(torch.from_numpy(image))
-    around = torch.from_numpy(~stages.mask_of(view))
+    around = torch.from_numpy(~mask)
     try:
         return align_disparity(disparity, behind, around).depth(disparity).numpy()
     except InputError as error:

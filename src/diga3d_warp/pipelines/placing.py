@@ -102,15 +102,16 @@ class _Stand:
 
 
 def place_object(
-    run: Run, views: Sequence[View], others: Sequence[View], sights: Sequence[Sight], cleared: Gaussians,
-    asset: Asset, settings: PlacingSettings,
+    run: Run, views: Sequence[View], others: Sequence[View], edit_masks: stages.Masks,
+    sights: Sequence[Sight], cleared: Gaussians, asset: Asset, settings: PlacingSettings,
 ) -> Staged:  # fmt: skip
     """Put an asset where the old object stood, with its shadow, and draw it into every view.
 
     Args:
         run: Where to.
-        views: Training views with widened masks.
-        others: Held-out views with widened masks: they only get a mask that holds the new object, too.
+        views: Training views.
+        others: Held-out views: they only get a mask that holds the new object, too.
+        edit_masks: Of the old object, for both.
         sights: The old object in the training views.
         cleared: The scene without it.
         asset: The new object.
@@ -129,11 +130,12 @@ def place_object(
         stand = _Stand(place.frame, scale, settings)
         placed, shadow = _put(asset, place.frame, scale, light, effects)
         looks = [placed.look(view.camera) for view in views]
-        blocking = _blocking(cleared, views, looks, stand)
+        blocking = _blocking(cleared, views, edit_masks, looks, stand)
         scene = cleared.select(~blocking)
         for view in [*views, *others]:
-            image, depth, edited, alpha = _composed(scene, placed, shadow, view, stand, effects)
-            write_image(folder / "masks" / f"{view.name}.png", stages.mask_of(view) | edited)
+            mask = edit_masks[view.name]
+            image, depth, edited, alpha = _composed(scene, placed, shadow, view, mask, stand, effects)
+            write_image(folder / "masks" / f"{view.name}.png", mask | edited)
             write_image(folder / f"{view.name}.png", image)
             write_array(folder / f"{view.name}.npy", depth)
             if effects.background:
@@ -179,8 +181,8 @@ def _put(asset: Asset, frame: Frame, scale: float, light: Light, effects: Effect
 
 
 def _blocking(
-    cleared: Gaussians, views: Sequence[View], looks: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
-    stand: _Stand,
+    cleared: Gaussians, views: Sequence[View], edit_masks: stages.Masks,
+    looks: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], stand: _Stand,
 ) -> torch.Tensor:  # fmt: skip
     """Gaussians that stand before the new object and cannot be anything real, shape (N,), bool.
 
@@ -199,14 +201,15 @@ def _blocking(
         row = np.floor(camera.fy * y / z + camera.cy).clip(-1, camera.height).astype(int)
         inside = front & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
         place = row[inside], column[inside]
-        over = (coverage[place] > 0.5) & (stages.mask_of(view)[place] | emptied[inside])
+        over = (coverage[place] > 0.5) & (edit_masks[view.name][place] | emptied[inside])
         shown[inside] += 1
         blocks[inside] += over & (z[inside] < depth[place] + stand.settings.inside * stand.scale)
     return torch.from_numpy((blocks > 0) & (blocks >= stand.settings.blocked * shown))
 
 
 def _composed(
-    cleared: Gaussians, placed: Placed, shadow: Shadow, view: View, stand: _Stand, effects: Effects
+    cleared: Gaussians, placed: Placed, shadow: Shadow, view: View, edit_mask: np.ndarray, stand: _Stand,
+    effects: Effects,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """A view with the new object: its image, depth, where it differs from the cleared one, and opacity."""
     camera = view.camera
@@ -215,7 +218,7 @@ def _composed(
     base, behind, alpha = seen.color.clamp(0.0, 1.0).numpy(), seen.depth.numpy(), seen.alpha.numpy()
     color, coverage, depth = placed.look(camera)
     surface = unprojected(behind, camera).reshape(-1, 3)
-    real = ~stages.mask_of(view) & ~stand.emptied(surface, base=-np.inf).reshape(behind.shape)
+    real = ~edit_mask & ~stand.emptied(surface, base=-np.inf).reshape(behind.shape)
     hidden = real & (behind > 0) & (behind < depth - stand.settings.behind * stand.scale)
     coverage = np.where(hidden, 0.0, coverage)[..., None]
     color = np.where(hidden[..., None], 0.0, color)

@@ -42,7 +42,7 @@ from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.propagation.references import References
-from diga3d_warp.scene.scene import Scene, View
+from diga3d_warp.scene.scene import Scene
 
 REFIT = FitSettings(
     iterations=800,
@@ -140,8 +140,8 @@ class TakenOut:
         gaussians: The scene without the object.
         source: The scene before.
         rows: Which gaussians of the source were the object's, shape (N,), bool.
-        scene: The capture, with the cameras and masks in use.
-        views: Its training views with widened masks.
+        scene: The capture, with the cameras in use.
+        edit_masks: Where its views, training and held out, may be changed.
         references: Which of them stand for all.
         stage: The stage that made `gaussians`.
     """
@@ -150,7 +150,7 @@ class TakenOut:
     source: Gaussians
     rows: torch.Tensor
     scene: Scene
-    views: list[View]
+    edit_masks: stages.Masks
     references: References
     stage: str
 
@@ -164,25 +164,28 @@ def take_out(
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.even_exposure(run, scene)
-    scene = carrying.carry_masks(run, scene, source, marks, settings.lift)
-    rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
-    cleared = stages.clear_object(run, views, source, rows, settings.lift)
-    backgrounds, depths = stages.look_behind(run, cleared)
+    object_masks = carrying.carry_masks(run, scene, source, marks, settings.lift)
+    rows, edit_masks = stages.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
+    views = scene.views
+    cleared = stages.clear_object(run, views, edit_masks, source, rows, settings.lift)
+    backgrounds, depths = stages.look_behind(run, views, edit_masks, cleared)
     unseen = [at.unseen for at in backgrounds]
-    holes = unseen if any(hole.any() for hole in unseen) else [stages.mask_of(view) for view in views]
+    holes = unseen if any(hole.any() for hole in unseen) else [edit_masks[view.name] for view in views]
     references = stages.choose_references(run, views, holes, method, seed)
-    fills = coarse.fill_views(run, cleared.views, backgrounds, depths, references, prior, method, seed)
-    fills = coarse.propagate(run, cleared.views, backgrounds, depths, fills, references, prior, method, seed)
-    edited = coarse.refit(run, cleared, backgrounds, fills, references, scene.extent, settings.refit, seed)
+    fills = coarse.fill_views(run, views, backgrounds, depths, references, prior, method, seed)
+    fills = coarse.propagate(run, views, backgrounds, depths, fills, references, prior, method, seed)
+    edited = coarse.refit(
+        run, views, cleared, backgrounds, fills, references, scene.extent, settings.refit, seed
+    )
     if method.distillation is None:
-        return TakenOut(edited, source, rows, scene, views, references, "refit")
+        return TakenOut(edited, source, rows, scene, edit_masks, references, "refit")
     assert isinstance(prior, DiffusionPrior), "check_method refuses others"
     refined = fine.distil(
         run, edited, cleared.held(len(edited)), coarse.targets_of(views, backgrounds, fills),
         unseen, references, prior, prior.guidance, method.distillation,
         scene.extent, settings.distil, seed, known=[at.image for at in backgrounds],
     )  # fmt: skip
-    return TakenOut(refined, source, rows, scene, views, references, "distil")
+    return TakenOut(refined, source, rows, scene, edit_masks, references, "distil")
 
 
 def remove(

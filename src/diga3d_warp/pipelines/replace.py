@@ -135,7 +135,7 @@ def replace_object(
     scene = marking.mark(run, scene, marks)
     stages.check_edit(scene, method.references)
     taken = take_out(scene, run, removal, prior, marks, seed, effects)
-    sights = recolouring.look_at_object(run, taken.views, taken.source, taken.rows)
+    sights = recolouring.look_at_object(run, taken.scene.views, taken.source, taken.rows)
     if asset is not None:
         edited = _placed(run, taken, sights, asset, settings, seed)
         made = "settle", "place"
@@ -152,8 +152,10 @@ def _placed(
     run: Run, taken: TakenOut, sights: Sequence[Sight], asset: Asset, settings: ReplaceSettings, seed: int
 ) -> Gaussians:
     """The scene with an asset in the old object's place."""
-    others = stages.with_lifted_masks(run, taken.scene.test_views)
-    staged = placing.place_object(run, taken.views, others, sights, taken.gaussians, asset, settings.placing)
+    staged = placing.place_object(
+        run, taken.scene.views, taken.scene.test_views, taken.edit_masks, sights, taken.gaussians, asset,
+        settings.placing,
+    )  # fmt: skip
     return placing.settle(run, staged, taken.scene.extent, settings.settle, seed)
 
 
@@ -162,17 +164,17 @@ def _imagined(
     settings: ReplaceSettings, seed: int,
 ) -> Gaussians:  # fmt: skip
     """The scene with what a prior imagines in the old object's place."""
-    extent, references = taken.scene.extent, taken.references
-    images = imagining.imagine(run, taken.views, sights, taken.gaussians, references, words)
-    imagined = imagining.measure(run, taken.views, sights, images, taken.gaussians, estimator)
+    extent, references, views = taken.scene.extent, taken.references, taken.scene.views
+    masks = [taken.edit_masks[view.name] for view in views]
+    images = imagining.imagine(run, views, masks, sights, taken.gaussians, references, words)
+    imagined = imagining.measure(run, views, masks, sights, images, taken.gaussians, estimator)
     grown = imagining.grow(run, taken.gaussians, imagined, references, extent, settings.grow, seed)
     if words.method.distillation is None:
         return grown
     held = torch.arange(len(grown)) < len(taken.gaussians)
     return fine.distil(
-        run, grown, held, [each.target for each in imagined], [stages.mask_of(view) for view in taken.views],
-        references, words.prior, words.guidance, words.method.distillation, extent, settings.removal.distil,
-        seed, windowed=True,
+        run, grown, held, [each.target for each in imagined], masks, references, words.prior,
+        words.guidance, words.method.distillation, extent, settings.removal.distil, seed, windowed=True,
     )  # fmt: skip
 
 

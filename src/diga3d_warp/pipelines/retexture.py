@@ -126,8 +126,9 @@ def retexture_object(
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.even_exposure(run, scene)
-    scene = carrying.carry_masks(run, scene, source, marks, settings.lift)
-    rows, views = stages.lift_object(run, scene, source, settings.lift, settings.masking)
+    object_masks = carrying.carry_masks(run, scene, source, marks, settings.lift)
+    rows, _ = stages.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
+    views = scene.views
     sights = recolouring.look_at_object(run, views, source, rows)
     references = stages.choose_references(run, views, [sight.touched for sight in sights], method, seed)
     images = recolouring.repaint(run, views, sights, references, repainter, seed)

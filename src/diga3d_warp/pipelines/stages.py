@@ -192,19 +192,22 @@ def masked_views(scene: Scene) -> list[View]:
     return masked
 
 
+Masks = Mapping[str, np.ndarray]
+"""Masks by the name of their view, shape (H, W), bool. Of an object mask, True is where the object is; of an
+edit mask, where the view may be changed: the object mask, widened."""
+
+
 @dataclass(frozen=True, eq=False)
 class Cleared:
     """The scene with the object's gaussians taken out.
 
     Attributes:
         gaussians: What is left.
-        free: Rows that show within the widened masks and may change when the hole is filled, shape (N,).
-        views: Training views with widened masks.
+        free: Rows that show within the edit masks and may change when the hole is filled, shape (N,).
     """
 
     gaussians: Gaussians
     free: torch.Tensor
-    views: list[View]
 
     def held(self, count: int) -> torch.Tensor:
         """Rows that keep their values while the hole is filled, once there are `count` gaussians."""
@@ -212,19 +215,30 @@ class Cleared:
 
 
 def lift_object(
-    run: Run, scene: Scene, source: Gaussians, settings: LiftSettings, masking: MaskSettings
-) -> tuple[torch.Tensor, list[View]]:
-    """Which gaussians belong to the masked object, shape (N,), and the training views with widened masks.
+    run: Run, scene: Scene, object_masks: Masks, source: Gaussians, settings: LiftSettings,
+    masking: MaskSettings,
+) -> tuple[torch.Tensor, Masks]:  # fmt: skip
+    """Lift object masks to the object's gaussians, and widen them.
 
-    Views without a mask get one from the object's gaussians.
+    Args:
+        run: Run folder that receives the stage.
+        scene: The capture.
+        object_masks: Of some views or all; of those in training, at least one. Views without one get one from
+            the object's gaussians.
+        source: The splat, N gaussians.
+        settings: When a gaussian belongs to the object.
+        masking: How masks are widened.
+
+    Returns:
+        Which gaussians belong to the object, shape (N,), bool, and the edit masks of all views.
 
     Raises:
-        InputError: no view has a mask, or the masks lift to no gaussian or to all of them.
+        InputError: the masks lift to no gaussian or to all of them.
     """
-    masked = masked_views(scene)
 
     def compute(folder: Path) -> None:
-        cameras, masks = [view.camera for view in masked], [mask_of(view) for view in masked]
+        masked = [view for view in scene.views if view.name in object_masks]
+        cameras, masks = [view.camera for view in masked], [object_masks[view.name] for view in masked]
         votes = vote(source, cameras, masks, run.effects)
         rows = object_rows(votes, settings)
         if not rows.any():
@@ -232,30 +246,32 @@ def lift_object(
         if rows[votes.total > settings.faint].all():
             raise InputError(f"{scene.path}: the masks lift to every gaussian seen; mask the object only")
         for view in [*scene.views, *scene.test_views]:
-            mask = view.mask
+            mask = object_masks.get(view.name)
             if mask is None:
                 mask = object_mask(source, view.camera, rows, settings, run.effects)
             write_image(folder / "masks" / f"{view.name}.png", widened(mask, masking))
         write_array(folder / "object.npy", rows)
 
     folder = run.stage(LIFT, compute)
-    return torch.from_numpy(read_array(folder / "object.npy")), with_lifted_masks(run, scene.views)
+    edit_masks = read_masks(folder / "masks", [*scene.views, *scene.test_views])
+    return torch.from_numpy(read_array(folder / "object.npy")), edit_masks
 
 
-def with_lifted_masks(run: Run, views: Sequence[View]) -> list[View]:
-    """Views, training or held out, with the widened masks that `lift_object` wrote."""
-    folder = run.folder / "stages" / LIFT / "masks"
-    return [view.with_mask(read_mask(folder / f"{view.name}.png")) for view in views]
+def read_masks(folder: Path, views: Sequence[View]) -> Masks:
+    """The masks of views from a stage's folder."""
+    return {view.name: read_mask(folder / f"{view.name}.png") for view in views}
 
 
 def clear_object(
-    run: Run, views: Sequence[View], source: Gaussians, rows: torch.Tensor, settings: LiftSettings
-) -> Cleared:
+    run: Run, views: Sequence[View], edit_masks: Masks, source: Gaussians, rows: torch.Tensor,
+    settings: LiftSettings,
+) -> Cleared:  # fmt: skip
     """Delete the object's gaussians.
 
     Args:
-        run: Where to.
-        views: Training views with widened masks.
+        run: Run folder that receives the stage.
+        views: Training views.
+        edit_masks: Of these views.
         source: N gaussians.
         rows: Those of the object, shape (N,).
         settings: Which of the others may change.
@@ -263,29 +279,33 @@ def clear_object(
 
     def compute(folder: Path) -> None:
         left = source.select(~rows)
-        near = vote(left, [view.camera for view in views], [mask_of(view) for view in views], run.effects)
+        masks = [edit_masks[view.name] for view in views]
+        near = vote(left, [view.camera for view in views], masks, run.effects)
         left.save_ply(folder / GAUSSIANS, antialiased=run.effects.antialias)
         write_array(folder / "free.npy", near.share > settings.free_share)
         write_json(folder / "counts.json", {"object": int(rows.sum()), "left": int((~rows).sum())})
 
     folder = run.stage("clear", compute)
     free = torch.from_numpy(read_array(folder / "free.npy"))
-    return Cleared(Gaussians.load_ply(folder / GAUSSIANS, every_row=True), free, list(views))
+    return Cleared(Gaussians.load_ply(folder / GAUSSIANS, every_row=True), free)
 
 
-def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.ndarray]]:
+def look_behind(
+    run: Run, views: Sequence[View], edit_masks: Masks, cleared: Cleared
+) -> tuple[list[Background], list[np.ndarray]]:
     """What other views saw behind the object, and the depth of the cleared scene, per view."""
+    masks = [edit_masks[view.name] for view in views]
 
     def compute(folder: Path) -> None:
         depths, alphas = [], []
         with_depth = replace(run.effects, depth=True)
-        for view in cleared.views:
+        for view in views:
             with torch.no_grad():
                 rendering = render(cleared.gaussians, view.camera, effects=with_depth)
             depths.append(rendering.depth.numpy())
             alphas.append(rendering.alpha.numpy())
-        backgrounds = observe_behind(cleared.views, depths, alphas)
-        for view, background, depth, alpha in zip(cleared.views, backgrounds, depths, alphas, strict=True):
+        backgrounds = observe_behind(views, masks, depths, alphas)
+        for view, background, depth, alpha in zip(views, backgrounds, depths, alphas, strict=True):
             write_image(folder / f"{view.name}.png", background.image)
             write_image(folder / f"{view.name}.unseen.png", background.unseen)
             if background.alpha is not None:
@@ -295,11 +315,11 @@ def look_behind(run: Run, cleared: Cleared) -> tuple[list[Background], list[np.n
 
     folder = run.stage("look-behind", compute)
     backgrounds, depths = [], []
-    for view in cleared.views:
+    for view, mask in zip(views, masks, strict=True):
         unseen = read_mask(folder / f"{view.name}.unseen.png")
         image = read_picture(folder / f"{view.name}.png")
         alpha = None if view.alpha is None else read_plane(folder / f"{view.name}.alpha.png")
-        backgrounds.append(Background(unseen, image, mask_of(view) & ~unseen, alpha))
+        backgrounds.append(Background(unseen, image, mask & ~unseen, alpha))
         depths.append(read_array(folder / f"{view.name}.depth.npy"))
     return backgrounds, depths
 
@@ -404,9 +424,3 @@ def keep_fit(run: Run, folder: Path, result: FitResult) -> None:
 def tensor_of(alpha: np.ndarray | None) -> torch.Tensor | None:
     """Opacity as a target takes it, shape (H, W), uint8; None where no background is simulated."""
     return None if alpha is None else torch.from_numpy(alpha)
-
-
-def mask_of(view: View) -> np.ndarray:
-    """The mask of a view that has one, shape (H, W), bool."""
-    assert view.mask is not None
-    return view.mask

@@ -86,6 +86,7 @@ class Background:
 
 def observe_behind(
     views: Sequence[View],
+    edit_masks: Sequence[np.ndarray],
     depths: Sequence[np.ndarray],
     alphas: Sequence[np.ndarray],
     settings: UnseenSettings | None = None,
@@ -93,50 +94,48 @@ def observe_behind(
     """Shrink every view's mask to what no other view saw, and fill the rest from those that did.
 
     Args:
-        views: Views with masks (dilated already, so that no rim of the object is left outside them).
+        views: Views; their own masks are not read.
+        edit_masks: Masks of the object, dilated so that no rim of it is left outside, each (H, W), bool.
         depths: z of the splat without the object's gaussians, per view [scene units], each (H, W).
         alphas: Opacity of the same renders, each (H, W).
         settings: Thresholds.
 
     Raises:
-        InputError: a view has no mask, or a depth or opacity does not fit its view.
+        InputError: a mask, a depth or an opacity does not fit its view.
     """
     settings = settings or UnseenSettings()
-    for view, depth, alpha in zip(views, depths, alphas, strict=True):
+    for view, mask, depth, alpha in zip(views, edit_masks, depths, alphas, strict=True):
         size = (view.camera.height, view.camera.width)
-        if view.mask is None:
-            raise InputError(f"view {view.name} has no mask: give every view one before looking behind them")
-        if not size == view.mask.shape == depth.shape == alpha.shape:
+        if not size == mask.shape == depth.shape == alpha.shape:
             raise InputError(
-                f"view {view.name} is {size[1]} x {size[0]} px, its mask {view.mask.shape[::-1]}, depth "
+                f"view {view.name} is {size[1]} x {size[0]} px, its mask {mask.shape[::-1]}, depth "
                 f"{depth.shape[::-1]}, opacity {alpha.shape[::-1]}: all must have one size"
             )
     surfaces = [
         np.where((alpha >= settings.alpha_min) & np.isfinite(depth), depth, np.nan).astype(np.float32)
         for depth, alpha in zip(depths, alphas, strict=True)
     ]
-    witnesses = [_witness(view, surface) for view, surface in zip(views, surfaces, strict=True)]
+    witnesses = [
+        _witness(view, mask, surface) for view, mask, surface in zip(views, edit_masks, surfaces, strict=True)
+    ]
     centers = np.stack([view.camera.center for view in views])
     backgrounds = []
-    for i, view in enumerate(views):
+    for i, (view, mask) in enumerate(zip(views, edit_masks, strict=True)):
         nearest = np.argsort(np.linalg.norm(centers - centers[i], axis=1), kind="stable")
         others = [witnesses[j] for j in nearest if j != i][: settings.views_max]
-        found = _assemble(view, *_observe(view, surfaces[i], others, settings), settings)
-        backgrounds.append(found if view.alpha is None else _with_nothing(found, view, alphas[i], settings))
+        found = _assemble(view, mask, *_observe(view, mask, surfaces[i], others, settings), settings)
+        if view.alpha is not None:
+            found = _with_nothing(found, view, mask, alphas[i], settings)
+        backgrounds.append(found)
     return backgrounds
 
 
-def _mask(view: View) -> np.ndarray:
-    assert view.mask is not None
-    return view.mask.astype(bool)
-
-
-def _clear(view: View) -> np.ndarray:
+def _clear(view: View, mask: np.ndarray) -> np.ndarray:
     """Pixels whose neighbours are all unmasked and opaque: samples between their centres mix nothing in."""
     import cv2
 
-    mask = _mask(view) if view.alpha is None else _mask(view) | (view.alpha < OPAQUE)
-    return cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0
+    hidden = mask if view.alpha is None else mask | (view.alpha < OPAQUE)
+    return cv2.dilate(hidden.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,20 +148,19 @@ class _Witness:
     image: wp.array
 
 
-def _witness(view: View, surface: np.ndarray) -> _Witness:
+def _witness(view: View, mask: np.ndarray, surface: np.ndarray) -> _Witness:
     return _Witness(
         view.camera,
         wp.array(surface, dtype=wp.float32, device="cpu", copy=False),
-        wp.array(_clear(view), dtype=wp.bool, device="cpu", copy=False),
+        wp.array(_clear(view, mask), dtype=wp.bool, device="cpu", copy=False),
         wp.array(np.ascontiguousarray(view.pixels), dtype=wp.vec3ub, device="cpu", copy=False),
     )
 
 
 def _observe(
-    view: View, surface: np.ndarray, others: Sequence[_Witness], settings: UnseenSettings
+    view: View, mask: np.ndarray, surface: np.ndarray, others: Sequence[_Witness], settings: UnseenSettings
 ) -> tuple[np.ndarray, np.ndarray]:
     """Median colour of the masked pixels, shape (P, 3), and which of them enough views saw, shape (P,)."""
-    mask = _mask(view)
     depth: wp.array = wp.array(surface[mask], dtype=wp.float32, device="cpu")
     count = wp.zeros(depth.size, dtype=int, device="cpu")
     samples = wp.full((settings.blended, depth.size), wp.vec3(np.inf), dtype=wp.vec3, device="cpu")
@@ -183,11 +181,12 @@ def _observe(
     return colors, seen
 
 
-def _assemble(view: View, colors: np.ndarray, seen: np.ndarray, settings: UnseenSettings) -> Background:
+def _assemble(
+    view: View, mask: np.ndarray, colors: np.ndarray, seen: np.ndarray, settings: UnseenSettings
+) -> Background:
     """Make the unseen region compact, and give the gaps in the observed one their neighbours' colours."""
     import cv2
 
-    mask = _mask(view)
     scale = _scale(mask)
     unseen, image = mask.copy(), view.image.numpy()
     unseen[mask] = ~seen
@@ -206,11 +205,13 @@ def _assemble(view: View, colors: np.ndarray, seen: np.ndarray, settings: Unseen
     return Background(unseen, image, observed)
 
 
-def _with_nothing(found: Background, view: View, alpha: np.ndarray, settings: UnseenSettings) -> Background:
+def _with_nothing(
+    found: Background, view: View, mask: np.ndarray, alpha: np.ndarray, settings: UnseenSettings
+) -> Background:
     """What is known behind the object, where there may be nothing; `alpha` is that of the cleared scene."""
     import cv2
 
-    mask, own = _mask(view), view.opacity
+    own = view.opacity
     outside = ~mask & (own < 128)
     solid = np.where(mask, alpha >= settings.alpha_min, own >= 128).astype(np.uint8)
     # Crumbs and spikes that no other view saw are left of the object.
