@@ -63,6 +63,9 @@ class Splatting:
 
 SPLATTING = Splatting()
 
+NO_EFFECT = {"affects": "nothing that is computed"}
+"""Metadata of a settings field on which no result depends: a resumed run may have another value."""
+
 TILE = 16
 """Side of a tile [px]. 16 is 3DGS's; smaller tiles list more pairs, larger ones blend more in vain."""
 

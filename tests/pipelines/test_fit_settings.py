@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -51,6 +52,7 @@ def test_the_wanted_accuracy_is_fitted_and_recorded(scene, monkeypatch):
 
     def begin(folder, command, settings, *, resume):
         recorded.update(settings)
+        return SimpleNamespace(hold_to=lambda **further: None)
 
     def fit_source(run, capture, settings, seed):
         raise Fitted(settings)

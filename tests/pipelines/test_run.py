@@ -5,15 +5,27 @@ import mmap
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.record import MANIFEST, read_manifest, read_metrics
 from diga3d_warp.files import temporary_name
+from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.gaussians.optimiser import LearningRates
+from diga3d_warp.pipelines.contents import everything
+from diga3d_warp.pipelines.method import PAPER
+from diga3d_warp.pipelines.remove import RemoveSettings
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.run_folder import LOCK
+from diga3d_warp.priors.exemplar.prior import ExemplarPrior
+from diga3d_warp.priors.exemplar.settings import FillSettings
+from diga3d_warp.priors.settings import SamplingSettings
+from diga3d_warp.scene.load import load_scene
+from diga3d_warp.scene.scene import Scene
 
 STAGES = ("scene", "fit", "remove")
 STEPS = 4
@@ -199,3 +211,48 @@ def test_a_full_disk_ends_a_stage_in_one_line(tmp_path):
     with pytest.raises(InputError, match=r"big\.npy.*disk is full"):
         run.stage("fit", compute)
     assert not (tmp_path / "run" / "stages" / "fit").exists()
+
+
+def test_resume_is_held_to_every_setting_and_to_the_capture(tmp_path, room):
+    scene = load_scene(room)
+    settings = RemoveSettings(fit=FitSettings(budget=4000))
+
+    def begin(settings: RemoveSettings = settings, scene: Scene = scene, **options) -> Run:
+        given = {"seed": 1, "effects": {}, "prior": ExemplarPrior(), "method": PAPER, **options}
+        run = Run(tmp_path, "remove", {"seed": 1}, resume=True)
+        run.hold_to(**everything(scene, settings, **given))
+        return run
+
+    begin()
+    begin(replace(settings, fit=replace(settings.fit, checkpoint_seconds=1.0)))  # on it no result depends
+    view = scene.views[2]
+    retouched, moved = view.pixels.copy(), view.camera.pose.copy()
+    retouched[0, 0] ^= 1
+    moved[0, 3] += 1e-3
+
+    def with_view(**changes) -> Scene:
+        views = [replace(each, **changes) if each is view else each for each in scene.views]
+        return replace(scene, views=views)
+
+    others = {
+        r"settings\.fit\.budget = 4000 \(now 5000\)": {
+            "settings": replace(settings, fit=replace(settings.fit, budget=5000))
+        },
+        r"budget = 0 \(now 60000\).* and 1 more;": {"settings": replace(settings, refit=FitSettings())},
+        r"settings\.fit\.rates\.sh_dc = 0\.005 \(now 0\.1\);": {
+            "settings": replace(settings, fit=replace(settings.fit, rates=LearningRates(sh_dc=0.1)))
+        },
+        r"method\.sampling\.steps = None \(now 3\)": {
+            "method": replace(PAPER, sampling=SamplingSettings(steps=3))
+        },
+        r"method\.distillation": {"method": replace(PAPER, distillation=None)},
+        r"prior\.own\.steps_first = ": {"prior": ExemplarPrior(settings=FillSettings(steps_first=2))},
+        r"effects\.lens = None \(now False\)": {"effects": {"lens": False}},
+        r"capture\.photographs = ": {"scene": with_view(pixels=retouched)},
+        r"capture\.masks = ": {"scene": with_view(mask=~view.mask)},
+        r"capture\.cameras = ": {"scene": with_view(camera=view.camera.with_pose(torch.from_numpy(moved)))},
+    }
+    for said, other in others.items():
+        with pytest.raises(InputError, match=said):
+            begin(**other)
+    begin()

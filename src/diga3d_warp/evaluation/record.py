@@ -119,12 +119,14 @@ class Manifest(ManifestBegun, total=False):
         peak_mib: Largest resident memory of all processes of the run, from their start on [MiB].
         reading_mib: The same until the first stage: mostly that of reading the capture.
         effects: What the scene called for.
+        held_to: What else the result depends on: every setting, and digests of the capture.
     """
 
     process: ProcessRecord
     peak_mib: float
     reading_mib: float
     effects: EffectsRecord
+    held_to: dict[str, Any]
 
 
 class ScoreRecord(TypedDict):

@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from diga3d_warp.config import Accuracy, Effects
+from diga3d_warp.config import NO_EFFECT, Accuracy, Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.checkpoint import Unusable, origin_of, read_checkpoint, write_checkpoint
 from diga3d_warp.gaussians.density import DensitySettings, relocate_and_grow, walk
@@ -58,7 +58,7 @@ class FitSettings:
     sh_steps: tuple[float, ...] = (0.3, 0.5, 0.7)
     rates: LearningRates = field(default_factory=LearningRates)
     density: DensitySettings = field(default_factory=DensitySettings)
-    checkpoint_seconds: float = 20.0
+    checkpoint_seconds: float = field(default=20.0, metadata=NO_EFFECT)
     accuracy: Accuracy = Accuracy.STANDARD
 
 

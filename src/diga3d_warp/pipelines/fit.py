@@ -18,6 +18,7 @@ from diga3d_warp.evaluation.protocols import evaluate
 from diga3d_warp.evaluation.report import write_report
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.request import FitRequest, RunResult
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.scene import Scene
@@ -65,6 +66,7 @@ def fit(
     stages.check_splat(capture)
     settings = settings or fit_settings(capture, request.iterations, request.knobs)
     run = request.open_run("fit", capture, settings.iterations)
+    run.hold_to(**everything(capture, settings, request.seed, request.effects))
     capture = stages.begin(run, capture, request.effects)
     gaussians = stages.fit_source(run, capture, settings, request.seed)
     stages.show_views(run, capture, None, gaussians)

@@ -34,6 +34,7 @@ from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines import carrying, coarse, fine, marking, stages
+from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks
 from diga3d_warp.pipelines.method import Method, check_method, usual_method
@@ -124,6 +125,7 @@ def remove_object(
     settings = settings or RemoveSettings()
     prior = prior or ExemplarPrior()
     method = settings.method_for(prior)
+    run.hold_to(**everything(scene, settings, seed, effects, prior, method))
     scene = marking.mark(run, scene, marks)
     stages.check_edit(scene, method.references)
     taken = take_out(scene, run, settings, prior, marks, seed, effects)

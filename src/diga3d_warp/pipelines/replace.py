@@ -43,6 +43,7 @@ from diga3d_warp.objects.solids import solid_of
 from diga3d_warp.objects.surface import Sight
 from diga3d_warp.perception.depth import DPT, DepthEstimator
 from diga3d_warp.pipelines import fine, imagining, marking, placing, recolouring, stages
+from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.fit import conclude
 from diga3d_warp.pipelines.free_text import FreeText, reads_free_text
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks
@@ -132,6 +133,7 @@ def replace_object(
         asset = solid_of(prompt, seed)
     for note in asset.notes if asset else ():
         run.note(note)
+    run.hold_to(**everything(scene, settings, seed, effects, prior, method))
     scene = marking.mark(run, scene, marks)
     stages.check_edit(scene, method.references)
     taken = take_out(scene, run, removal, prior, marks, seed, effects)

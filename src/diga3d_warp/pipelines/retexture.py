@@ -38,6 +38,7 @@ from diga3d_warp.objects.diffusion_repaint import DiffusionRepainter
 from diga3d_warp.objects.picture import chosen_material
 from diga3d_warp.objects.repaint import MaterialRepainter, Repainter
 from diga3d_warp.pipelines import carrying, fine, marking, recolouring, stages
+from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.free_text import FreeText, check_built_in, reads_free_text
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks
@@ -121,6 +122,7 @@ def retexture_object(
     words = None if prior is None else FreeText.of(prior, prompt, negative, "retexture", settings.method)
     method = words.method if words else settings.method or CARRIED
     repainter = _repainter(words) if words else _painter(run, chosen_material(prompt, exemplar))
+    run.hold_to(**everything(scene, settings, seed, effects, prior, method))
     scene = marking.mark(run, scene, marks)
     stages.check_edit(scene, method.references)
     scene = stages.begin(run, scene, effects)

@@ -13,11 +13,12 @@ import shlex
 import shutil
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from diga3d_warp.config import Effects
+from diga3d_warp.config import NO_EFFECT, Effects
 from diga3d_warp.errors import InputError, explained, out_of_memory
 from diga3d_warp.evaluation.record import MANIFEST, add_metrics, read_manifest
 from diga3d_warp.files import whole_file, write_json
@@ -27,6 +28,10 @@ from diga3d_warp.state import STAGES, compute_again
 
 if TYPE_CHECKING:
     from filelock import FileLock
+
+
+NAMED = 6
+"""Settings that a line names, where those of a resumed run differ."""
 
 
 class Run:
@@ -97,6 +102,22 @@ class Run:
             self.note(unlocked)
         if begun:
             self._note_other_versions()
+
+    def hold_to(self, **further: Any) -> None:
+        """Keep in the manifest what else the result depends on; in a resumed run, compare it with that.
+
+        Args:
+            further: As the settings in `__init__`, and dataclasses and mappings of such.
+
+        Raises:
+            InputError: the run was begun with something else.
+        """
+        now = {key: _json_value(value) for key, value in further.items()}
+        begun = self._manifest.setdefault("held_to", {})
+        known = now.keys() & begun.keys()
+        self._refuse_other({key: begun[key] for key in known}, {key: now[key] for key in known})
+        begun.update(now)
+        self._write_manifest()
 
     def stage(self, name: str, compute: Callable[[Path], None]) -> Path:
         """Run a stage, unless it is finished already.
@@ -220,16 +241,23 @@ class Run:
         write_json(self.folder / MANIFEST, self._manifest)
 
     def _check_same_run(self) -> None:
-        before: dict[str, Any] = {"command": self._manifest.get("command"), **self._manifest["settings"]}
-        now: dict[str, Any] = {"command": self.command, **self.settings}
+        self._refuse_other(
+            {"command": self._manifest["command"], **self._manifest["settings"]},
+            {"command": self.command, **self.settings},
+        )
+
+    def _refuse_other(self, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+        """Refuse settings that differ from those that the run was begun with."""
+        first, second = dict(_leaves(before)), dict(_leaves(now))
         different = [
-            f"{key} = {before.get(key)!r} (now {now.get(key)!r})"
-            for key in [*before, *(key for key in now if key not in before)]
-            if before.get(key) != now.get(key)
+            f"{key} = {first.get(key)!r} (now {second.get(key)!r})"
+            for key in dict.fromkeys([*first, *second])
+            if first.get(key) != second.get(key)
         ]
         if different:
+            more = f" and {len(different) - NAMED} more" if len(different) > NAMED else ""
             raise InputError(
-                f"{self.folder} was begun with other settings: {', '.join(different)}; "
+                f"{self.folder} was begun with other settings: {', '.join(different[:NAMED])}{more}; "
                 "resume with the same ones, or choose another --out"
             )
 
@@ -264,9 +292,27 @@ def sampling_bar(label: str) -> Callable[[int, int], None]:
 
 
 def _json_value(value: Any) -> Any:
-    """A setting as JSON stores it, so that it compares equal when read back."""
+    """A setting as JSON stores it, so that it compares equal when read back.
+
+    Fields of dataclasses that bear `NO_EFFECT` are left out.
+    """
     if isinstance(value, os.PathLike):
         return str(Path(value).resolve())
+    if is_dataclass(value) and not isinstance(value, type):
+        bearing = [each.name for each in fields(value) if each.metadata != NO_EFFECT]
+        return {name: _json_value(getattr(value, name)) for name in bearing}
+    if isinstance(value, Mapping):
+        return {str(key): _json_value(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_json_value(item) for item in value]
     return value
+
+
+def _leaves(data: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
+    """Values in nested settings, by their place, such as "settings.fit.budget"."""
+    for key, value in data.items():
+        name = f"{place}.{key}" if place else key
+        if isinstance(value, Mapping) and value:
+            yield from _leaves(value, name)
+        else:
+            yield name, value

@@ -1,0 +1,83 @@
+"""What a run is held to besides its command line: contents of the capture, and every setting."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from diga3d_warp.pipelines.method import Method
+from diga3d_warp.priors.protocol import DiffusionPrior, Prior
+from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.scene import Scene
+
+
+def everything(
+    scene: Scene, settings: object, seed: int, effects: Mapping[str, bool | int] | None,
+    prior: Prior | None = None, method: Method | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """What `Run.hold_to` takes of a task's arguments.
+
+    Args:
+        scene: The capture as the user gave it.
+        settings: Of the task, such as `FitSettings` or `RemoveSettings`.
+        seed: Of everything random.
+        effects: Effects on which the user insists.
+        prior: What invents, where something does.
+        method: As it suits the prior.
+    """
+    return {
+        "capture": capture_contents(scene),
+        "settings": settings,
+        "seed": seed,
+        "effects": dict(effects or {}),
+        "prior": None if prior is None else prior_settings(prior),
+        "method": method,
+    }
+
+
+def capture_contents(scene: Scene) -> dict[str, str]:
+    """Digests of a capture's photographs, masks and cameras, and of its splat if it came with one.
+
+    Poses that were found by mapping are left out: another version of COLMAP finds slightly others.
+    """
+    views = [*scene.views, *scene.test_views]
+    found = {
+        "photographs": _digest(part for view in views for part in (view.name, view.pixels, view.alpha)),
+        "masks": _digest(view.mask for view in views),
+    }
+    if scene.kind != "images":
+        found["cameras"] = _digest(part for view in views for part in _numbers(view.camera))
+    if scene.splat is not None:
+        found["splat"] = _digest([scene.splat.read_bytes()])
+    return found
+
+
+def prior_settings(prior: Prior) -> dict[str, Any]:
+    """How a prior samples, with numbers of its own if it has any."""
+    settings: dict[str, Any] = {"name": prior.name, "own": getattr(prior, "settings", None)}
+    if isinstance(prior, DiffusionPrior):
+        settings |= {"sampling": prior.sampling, "guidance": prior.guidance.scale}
+    return settings
+
+
+def _numbers(camera: Camera) -> tuple[np.ndarray | str, ...]:
+    """What tells a camera apart, as float32: the last bits depend on the machine."""
+    lens = camera.distortion
+    inside = [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy]
+    inside += lens.coefficients if lens else ()
+    return camera.pose.astype(np.float32), np.array(inside, np.float32), lens.kind if lens else ""
+
+
+def _digest(parts: Iterable[np.ndarray | str | bytes | None]) -> str:
+    digest = hashlib.blake2b(digest_size=8)
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            digest.update(f"{part.dtype}{part.shape}".encode())
+            digest.update(np.ascontiguousarray(part).tobytes())
+        elif part is not None:
+            digest.update(part if isinstance(part, bytes) else part.encode("utf-8", "surrogateescape"))
+        digest.update(b"\0")
+    return digest.hexdigest()
