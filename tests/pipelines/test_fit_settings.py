@@ -14,6 +14,7 @@ from diga3d_warp import cli
 from diga3d_warp.config import Accuracy
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.pipelines import fit as fitting
+from diga3d_warp.pipelines import request
 from diga3d_warp.pipelines.fit import BUDGET_LEAST, BUDGET_MOST, ITERATIONS_MOST, fit_settings
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.scene import Points, Scene, View
@@ -57,8 +58,8 @@ def test_the_wanted_accuracy_is_fitted_and_recorded(scene, monkeypatch):
     def fit_source(run, capture, settings, seed):
         raise Fitted(settings)
 
-    monkeypatch.setattr(fitting, "load_scene", lambda *_, **__: scene)
-    monkeypatch.setattr(fitting, "Run", begin)
+    monkeypatch.setattr(request, "load_scene", lambda *_, **__: scene)
+    monkeypatch.setattr(request, "Run", begin)
     monkeypatch.setattr(fitting.stages, "begin", lambda run, capture, effects: capture)
     monkeypatch.setattr(fitting.stages, "fit_source", fit_source)
     with pytest.raises(Fitted) as fit:
