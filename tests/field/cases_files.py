@@ -399,15 +399,37 @@ for _name, _whose, _text in (
     ("room.nvm", "VisualSFM", "NVM_V3\n\n8\n"),
     ("poses.csv", "RealityScan", "#name,x,y,alt,heading,pitch,roll\na.jpg,0,0,0,0,0,0\n"),
     ("reconstruction.json", "OpenSfM", '[{"cameras": {}, "shots": {}}]'),
-    ("traj.txt", "trajectory", "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n"),
+    ("traj.txt", "a trajectory", "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n"),
 ):
     _build = with_photographs(_name, _text)
-    _build.__name__ = f"photographs_with_{_whose.lower()}_poses"
+    _build.__name__ = f"photographs_with_{_whose.lower().split()[-1]}_poses"
     case(
         Refuses(
             (_name, f"poses of {_whose} are not read", "COLMAP's form", "to have the poses recovered anew")
         )
     )(_build)
+
+
+def with_files_for_each_image(folder_name: str, ending: str, text: str):
+    def build(room: FieldRoom, folder: Path) -> Path:
+        room.write_images(folder / "images")
+        (folder / folder_name).mkdir(exist_ok=True)
+        for name in room.names:
+            (folder / folder_name / f"{name}{ending}").write_text(text)
+        return folder
+
+    return build
+
+
+for _place, _whose, _ending, _text in (
+    ("images", "RealityScan", ".xmp", '<x xcr:Rotation="1 0 0 0 1 0 0 0 1"/>'),
+    ("cams", "MVSNet", "_cam.txt", "extrinsic\n1 0 0 0\n"),
+    ("pose", "matrices", ".txt", "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"),
+    ("camera", "Nerfies", ".json", '{"orientation": [], "position": []}'),
+):
+    _build = with_files_for_each_image(_place, _ending, _text)
+    _build.__name__ = f"photographs_with_{_whose.lower()}_files"
+    case(Refuses((_place, f"poses of {_whose} are not read")))(_build)
 
 
 @case(Refuses(("looks like one; give that folder",)))

@@ -6,7 +6,8 @@ Poses that a user brings are never dropped without a word: what is not read is n
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from diga3d_warp.scene.colmap_files import is_model
 from diga3d_warp.scene.folders import walk
 from diga3d_warp.scene.names import IMAGE_SUFFIXES
 
-# Levels below a scene folder at which poses are looked for: colmap/sparse/0, dense/0/sparse.
 DEPTH = 3
+"""Levels below a scene folder at which poses are looked for: colmap/sparse/0, dense/0/sparse."""
+
 # Start of a file that tells what it is [bytes].
 _START = 1 << 14
 
@@ -25,7 +27,7 @@ class PoseFile:
     """A file or folder with poses.
 
     Attributes:
-        path: The file; of a COLMAP reconstruction, its folder.
+        path: The file; the folder of a COLMAP reconstruction, or of files for each image.
         what: Whose it is: "COLMAP", "Metashape" and so on.
         readable: Whether poses of this kind are read here.
     """
@@ -33,14 +35,6 @@ class PoseFile:
     path: Path
     what: str
     readable: bool = True
-
-
-def _start(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            return file.read(_START)
-    except OSError:
-        return b""
 
 
 def _numbers(*counts: int) -> Callable[[bytes], bool]:
@@ -57,63 +51,84 @@ def _numbers(*counts: int) -> Callable[[bytes], bool]:
     return check
 
 
+def _has(*words: bytes) -> Callable[[bytes], bool]:
+    return lambda start: all(word in start for word in words)
+
+
+def _begins(word: bytes) -> Callable[[bytes], bool]:
+    return lambda start: start.startswith(word)
+
+
 def _csv(start: bytes) -> bool:
     head = start.split(b"\n", 1)[0].lower()
     return b"name" in head and any(word in head for word in (b"heading", b"yaw", b"omega", b"quat", b"qw"))
 
 
-_Sniffer = tuple[str, str, Callable[[bytes], bool]]
-# Of poses that are not read: pattern of the name in lower case, whose they are, and what its start must be.
-_UNREAD: tuple[_Sniffer, ...] = (
-    (r".*\.xml", "Metashape", lambda start: b"<document" in start and b"<chunk" in start),
-    (r".*\.out", "Bundler", lambda start: start.startswith(b"# Bundle file")),
-    (r".*\.nvm", "VisualSFM", lambda start: start.startswith(b"NVM_V3")),
+# What files are: pattern of the path in lower case, whose they are, and what their start must be.
+_Kind = tuple[str, str, Callable[[bytes], bool]]
+_READ: Sequence[_Kind] = (
+    (r".*/transforms[^/]*\.json", "nerfstudio", _has(b'"frames"')),
+    (r".*/cameras\.json", "3DGS", _has(b'"position"', b'"rotation"')),
+    (r".*/poses_bounds\.npy", "LLFF", lambda start: True),
+)
+_UNREAD: Sequence[_Kind] = (
+    (r".*\.xml", "Metashape", _has(b"<document", b"<chunk")),
+    (r".*\.out", "Bundler", _begins(b"# Bundle file")),
+    (r".*\.nvm", "VisualSFM", _begins(b"NVM_V3")),
     (r".*\.csv", "RealityScan", _csv),
-    (r".*\.xmp", "RealityScan", lambda start: b"xcr:Rotation" in start),
-    (r"sfm_data(_.*)?\.json|.*\.sfm", "OpenMVG or Meshroom", lambda start: b'"views"' in start),
-    (r"reconstruction\.json", "OpenSfM", lambda start: b"shots" in start or b"cameras" in start),
-    (r"metadata(\.json)?", "Record3D", lambda start: b'"poses"' in start),
-    (r"(traj|trajectory|poses?|groundtruth|camera_path).*\.txt", "trajectory", _numbers(7, 8, 12, 16)),
+    (r".*/sfm_data[^/]*\.json|.*\.sfm", "OpenMVG or Meshroom", _has(b'"views"')),
+    (r".*/reconstruction\.json", "OpenSfM", _has(b'"shots"')),
+    (r".*/metadata(\.json)?", "Record3D", _has(b'"poses"')),
+    (r".*/cameras[^/]*\.npz", "NeuS", _begins(b"PK")),
+    (
+        r".*/(traj|trajectory|poses?|groundtruth|camera_path)[^/]*\.txt",
+        "a trajectory",
+        _numbers(7, 8, 12, 16),
+    ),
+)
+# Files for each image, of which a folder holds several.
+_UNREAD_EACH: Sequence[_Kind] = (
+    (r".*\.xmp", "RealityScan", _has(b"xcr:Rotation")),
+    (r".*_cam\.txt", "MVSNet", _begins(b"extrinsic")),
+    (r".*/(camera_?)?poses?/[^/]*\.txt", "matrices", _numbers(4, 16)),
+    (r".*/(corrected_)?cameras/[^/]*\.json", "Polycam", _has(b'"t_00"')),
+    (r".*/camera/[^/]*\.json", "Nerfies", _has(b'"orientation"')),
 )  # fmt: skip
-_READ = {
-    "cameras.json": ("3DGS", lambda start: b'"position"' in start and b'"rotation"' in start),
-    "poses_bounds.npy": ("LLFF", lambda start: True),
-}
 
 
-def pose_files(root: Path) -> Iterator[PoseFile]:
-    """Everything below a folder that looks like poses, in sorted order, outermost folders first."""
+def pose_files(root: Path) -> list[PoseFile]:
+    """Everything below a folder that looks like poses, outermost folders first."""
     found = [each for folder, files in walk(root, DEPTH) for each in _in_folder(folder, files)]
-    yield from sorted(found, key=lambda each: (len(each.path.parts), each.path))
+    return sorted(found, key=lambda each: (len(each.path.parts), each.path))
 
 
 def _in_folder(folder: Path, files: list[Path]) -> Iterator[PoseFile]:
     if is_model(folder):
         yield PoseFile(folder, "COLMAP")
-    matrices = 0
+    each_image: Counter[str] = Counter()
     for path in files:
-        name = path.name.lower()
         if path.suffix.lower() in IMAGE_SUFFIXES:
             continue
-        if re.fullmatch(r"transforms.*\.json", name) and b'"frames"' in _start(path):
-            yield PoseFile(path, "nerfstudio")
-        elif name in _READ and _READ[name][1](_start(path)):
-            yield PoseFile(path, _READ[name][0])
-        elif kind := next(
-            (k for pattern, k, sure in _UNREAD if re.fullmatch(pattern, name) and sure(_start(path))), None
-        ):
+        if kind := _kind(path, _READ):
+            yield PoseFile(path, kind)
+        elif kind := _kind(path, _UNREAD):
             yield PoseFile(path, kind, readable=False)
-        elif name.endswith(".txt") and re.fullmatch("poses?|camera_?poses?|cam(era)?s", folder.name.lower()):
-            matrices += _numbers(4)(_start(path))
-    if matrices > 1:
-        yield PoseFile(folder, "matrices", readable=False)
+        elif kind := _kind(path, _UNREAD_EACH):
+            each_image[kind] += 1
+    for kind, count in each_image.items():
+        if count > 1:
+            yield PoseFile(folder, kind, readable=False)
 
 
-def _unread(path: Path) -> str | None:
-    """Whose poses a file holds that is not read, or None."""
-    kinds = (
-        kind
-        for pattern, kind, sure in _UNREAD
-        if re.fullmatch(pattern, path.name.lower()) and sure(_start(path))
-    )
-    return next(kinds, None)
+def _kind(path: Path, kinds: Sequence[_Kind]) -> str | None:
+    """Whose poses a file holds, or None."""
+    name = path.absolute().as_posix().lower()
+    fitting = [(kind, sure) for pattern, kind, sure in kinds if re.fullmatch(pattern, name)]
+    if not fitting:
+        return None
+    try:
+        with path.open("rb") as file:
+            start = file.read(_START)
+    except OSError:
+        return None
+    return next((kind for kind, sure in fitting if sure(start)), None)

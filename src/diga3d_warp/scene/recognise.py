@@ -42,7 +42,7 @@ _VIDEOS = (
     ".mpeg",
     ".3gp",
 )
-_ARCHIVES = (".zip", ".7z", ".rar", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".zst")
+_ARCHIVES = (".zip", ".r3d", ".7z", ".rar", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".zst")
 _MODEL_FILES = ("cameras", "images", "points3D", "frames", "rigs")
 _LEVELS_UP = 3  # from colmap/sparse/0 to the scene
 
@@ -162,7 +162,7 @@ def _may_hold_images(folder: Path, model: Path) -> bool:
 def _folder(root: Path, splat: Path | None = None) -> Recognised:
     """A capture by its folder."""
     splat = splat or find_splat(root)
-    others = list(pose_files(root))
+    others = pose_files(root)
     own = [each for each in others if each.path.parent == root and each.path.name.lower() == "cameras.json"]
     cameras = [Recognised(root, "cameras", [each.path]) for each in own]
     found = next(iter([*(cameras if splat else []), *_posed(root), *cameras]), None)
