@@ -7,6 +7,7 @@ are never unpickled: a pickle can run code.
 from __future__ import annotations
 
 import math
+import tokenize
 import types
 import zipfile
 from collections.abc import Iterable, Mapping
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
     import numpy as np
 
 Form = TypeVar("Form")
+
+# What NumPy raises on a damaged array, whose header it reads as Python.
+_DAMAGED_ARRAY = (ValueError, EOFError, SyntaxError, MemoryError, tokenize.TokenError)
 
 STAGES = "stages"
 """Folder in a run folder that holds a folder for each stage."""
@@ -122,7 +126,7 @@ def read_array(path: Path, remedy: str | None = None) -> np.ndarray:
             return np.lib.format.read_array(stream, allow_pickle=False)
     except OSError as error:
         raise cannot_read(path, error, remedy) from error
-    except (ValueError, EOFError, SyntaxError, MemoryError) as error:
+    except _DAMAGED_ARRAY as error:
         raise InputError(f"{path} is damaged (not a whole array of numbers): {remedy}") from error
 
 
@@ -142,7 +146,7 @@ def read_arrays(path: Path, remedy: str | None = None) -> Mapping[str, np.ndarra
                 with archive.open(name) as stream:
                     arrays[name.removesuffix(".npy")] = np.lib.format.read_array(stream, allow_pickle=False)
             return arrays
-    except (ValueError, EOFError, SyntaxError, MemoryError, RuntimeError, zipfile.BadZipFile) as error:
+    except (*_DAMAGED_ARRAY, RuntimeError, zipfile.BadZipFile) as error:
         raise InputError(f"{path} is damaged (not whole arrays of numbers): {remedy}") from error
     except OSError as error:
         raise cannot_read(path, error, remedy) from error

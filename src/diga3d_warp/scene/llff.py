@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,22 +14,16 @@ from diga3d_warp.scene.capture import Capture, Shot
 from diga3d_warp.scene.colmap_files import find_file, read_cameras, read_points
 from diga3d_warp.scene.folders import image_folders, images_below
 from diga3d_warp.scene.poses import world_to_camera
+from diga3d_warp.state import read_array
+
+_REMEDY = "run LLFF's imgs2poses again"
 
 
 def _rows(path: Path) -> np.ndarray:
-    try:
-        # Mapped, a header that announces more than the file holds is refused before memory is asked for.
-        rows = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, OSError, EOFError, OverflowError, zipfile.BadZipFile):
-        raise InputError(f"{path}: not readable as a NumPy array; write it again") from None
-    if (
-        not isinstance(rows, np.ndarray)
-        or rows.dtype.kind not in "fiu"
-        or rows.ndim != 2
-        or rows.shape[1] != 17
-    ):
-        raise InputError(f"{path}: expected one row of 17 numbers per image; run LLFF's imgs2poses again")
-    return np.array(rows, np.float64)
+    rows = read_array(path, _REMEDY)
+    if rows.dtype.kind not in "fiu" or rows.ndim != 2 or rows.shape[1] != 17:
+        raise InputError(f"{path}: expected one row of 17 numbers per image; {_REMEDY}")
+    return rows.astype(np.float64)
 
 
 def _camera(row: np.ndarray, lens: Camera | None) -> Camera:
@@ -99,8 +92,7 @@ def read_llff(root: Path, path: Path) -> Capture:
         try:
             shots.append(Shot(file.name, _camera(row, lens)))
         except InputError as error:
-            row_of = f"{path}: the row of {file.name}"
-            raise InputError(f"{row_of}: {error}; run LLFF's imgs2poses again") from None
+            raise InputError(f"{path}: the row of {file.name}: {error}; {_REMEDY}") from None
     points_file = find_file(sparse, "points3D")
     points, said = read_points(points_file) if points_file else (None, [])
     return Capture("llff", shots, folders, points, [*notes, *said])
