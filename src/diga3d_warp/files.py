@@ -110,6 +110,8 @@ def not_finite(data: Any, place: str = "") -> str | None:
 def read_json(path: Path, remedy: str) -> Any:
     """Read a JSON file, in UTF-8 or UTF-16, with or without a byte order mark.
 
+    Bytes that are neither, as names of files in a code page, stay in texts as `surrogateescape` keeps them.
+
     Args:
         path: The file.
         remedy: What would mend it if it is absent or broken, for the error line.
@@ -118,7 +120,8 @@ def read_json(path: Path, remedy: str) -> Any:
         InputError: the file is absent or not JSON.
     """
     try:
-        return json.loads(path.read_bytes())
+        data = path.read_bytes()
+        return json.loads(data.decode(json.detect_encoding(data), "surrogateescape"))
     except OSError as error:
         raise cannot_read(path, error, remedy) from error
     except RecursionError as error:

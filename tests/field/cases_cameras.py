@@ -325,3 +325,14 @@ def cameras_json_without_a_rotation(room: FieldRoom, folder: Path) -> Path:
 @case(Refuses(("cameras.json", "entry 0", "width is 'wide', not a number")))
 def cameras_json_with_words(room: FieldRoom, folder: Path) -> Path:
     return cameras_json(room, folder, lambda entries: entries[0].update(width="wide"))
+
+
+@case(Reads(notes=("not UTF-8 are read as cp1252",)))
+def transforms_in_a_windows_code_page(room: FieldRoom, folder: Path) -> Path:
+    contents = room.transforms()
+    room.nerfstudio(folder)
+    for name, frame in zip(room.names, contents["frames"], strict=True):
+        frame["file_path"] = f"images/B\u00fcro_{name}.jpg"
+        (folder / "images" / f"{name}.jpg").rename(folder / frame["file_path"])
+    (folder / "transforms.json").write_bytes(json.dumps(contents, ensure_ascii=False).encode("cp1252"))
+    return folder

@@ -593,7 +593,7 @@ for _encoding in ("utf-8-sig", "utf-16"):
     case(Reads(also=silent))(_build)
 
 
-@case(Refuses(("transforms.json", "is not valid JSON")))
+@case(Refuses(("transforms.json", "frame 0", "not an object")))
 def transforms_in_no_encoding(room: FieldRoom, folder: Path) -> Path:
     (room.nerfstudio(folder) / "transforms.json").write_bytes(b'{"frames": ["\xff\xfe\xfa"]}')
     return folder

@@ -53,7 +53,7 @@ def text_cameras(path: Path, data: bytes) -> Iterator[tuple[int, str, int, int, 
             if not all(size.is_integer() for size in sizes):
                 raise ValueError
             values = [float(value) for value in parameters]
-            yield int(camera), model.decode("ascii"), int(sizes[0]), int(sizes[1]), values
+            yield int(camera), model.decode("ascii").upper(), int(sizes[0]), int(sizes[1]), values
         except (ValueError, OverflowError):
             raise _damaged(path, number, line) from None
 
