@@ -8,7 +8,7 @@ from ball import CENTER, RADIUS, ball_sight, ring
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.objects.frame import frame_of, upward
-from diga3d_warp.objects.surface import fuse, without_floaters
+from diga3d_warp.objects.surface import Surface, fuse, without_floaters
 
 
 @pytest.fixture(scope="module")
@@ -75,3 +75,22 @@ def test_a_frame_stands_on_the_base_of_the_object():
     assert np.allclose(frame.extent, [4, 4, 1], rtol=0.03)
     assert np.allclose(frame.axes, np.eye(3), atol=1e-6)
     assert np.allclose(frame.outward(frame.inward(points)), points)
+
+
+def test_objects_that_stand_apart_are_told_apart(surface):
+    """The largest comes first; a gap that no view shows and a floater make no second object."""
+    assert len(surface.parts()) == 1
+
+    def beside(part, *shifts):
+        points = [surface.points, *(part.points + [shift, 0, 0] for shift in shifts)]
+        normals = [surface.normals, *(part.normals for _ in shifts)]
+        colors = [surface.colors, *(part.colors for _ in shifts)]
+        return Surface(*map(np.concatenate, (points, normals, colors)), surface.spacing)
+
+    half = Surface(*(a[::2] for a in (surface.points, surface.normals, surface.colors)), surface.spacing)
+    found = beside(half, 4 * RADIUS).parts()
+    assert [len(part.points) for part in found] == [len(surface.points), len(half.points)]
+    assert np.array_equal(found[0].points, surface.points)
+    assert len(beside(half, 2.05 * RADIUS).parts()) == 1
+    speck = Surface(*(a[:20] for a in (surface.points, surface.normals, surface.colors)), surface.spacing)
+    assert len(beside(speck, 4 * RADIUS).parts()) == 1

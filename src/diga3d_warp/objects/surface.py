@@ -25,6 +25,14 @@ SHADED = 4.0
 surface at smaller sizes, and light would show every dent."""
 
 
+APART = 0.1
+"""Gap from which parts of a surface are objects of their own [extents of the whole]: smaller ones are hidden
+in all views, or thin."""
+
+PART = 0.1
+"""Least size of another object [points of the largest]; smaller ones are floaters."""
+
+
 @dataclass(frozen=True)
 class FuseSettings:
     """How depth is fused.
@@ -160,6 +168,20 @@ class Surface:
         distance, index = self._tree.query(places, k=np.arange(1, min(4, len(self.points)) + 1))
         weight = 1.0 / (distance + 0.1 * self.spacing)
         return (weight * values[index]).sum(axis=1) / weight.sum(axis=1)
+
+    def parts(self) -> list[Surface]:
+        """Parts that stand apart by more than `APART`, the largest first; specks are left out."""
+        from scipy.sparse.csgraph import connected_components
+
+        reach = max(APART * float(np.ptp(self.points, axis=0).max()), 3.0 * self.spacing)
+        near = self._tree.sparse_distance_matrix(self._tree, reach, output_type="coo_matrix")
+        number, label = connected_components(near, directed=False)
+        sizes = np.bincount(label, minlength=number)
+        kept = [k for k in np.argsort(-sizes, kind="stable") if sizes[k] >= PART * sizes.max()]
+        return [
+            Surface(self.points[label == k], self.normals[label == k], self.colors[label == k], self.spacing)
+            for k in kept
+        ]
 
     @cached_property
     def _coarse(self) -> Surface:

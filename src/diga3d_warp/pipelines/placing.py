@@ -119,7 +119,12 @@ def place_object(
     """
 
     def compute(folder: Path) -> None:
-        surface = fuse(sights)
+        surface, *apart = fuse(sights).parts()
+        if apart:
+            run.note(
+                f"the masks hold {1 + len(apart)} objects that stand apart; the new one takes the place of "
+                "the largest"
+            )
         around = np.concatenate([sight.shown[::7] for sight in sights])
         light = estimate_light(surface.normals, surface.colors, around)
         place = find_place(surface, [view.camera for view in views], cleared)
