@@ -1,5 +1,6 @@
 """Boxes: refused when they cannot be used, and cut out along the colours."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,8 @@ import torch
 from diga3d_warp.errors import InputError
 from diga3d_warp.perception.boxes import Box, cut_along, cut_out, find_boxed, read_boxes
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.decoding import turned
+from diga3d_warp.scene.orientation import inverse
 from diga3d_warp.scene.scene import Points, Scene, View
 
 
@@ -81,7 +84,27 @@ def test_boxes_that_cannot_be_used(scene, boxes, said):
 
 def test_boxes_are_found_by_the_names_of_files_and_views(scene):
     found = find_boxed([Box("a.jpg", 0, 0, 160, 120), Box("c", 1, 2, 3, 4)], scene)
-    assert list(found) == ["a", "c"]
+    assert list(found.boxes) == ["a", "c"] and found.notes == []
+
+
+@pytest.mark.parametrize("orientation", range(2, 9))
+def test_a_box_is_one_of_the_photograph_as_viewers_show_it(scene, orientation):
+    """A red disc off the middle, stored in some way: the box around it on screen finds it."""
+    view, disc = disc_view(center=(50, 40), radius=20)
+    stored = View("a", view.camera, turned(view.pixels, inverse(orientation)), orientation=orientation)
+    shown = replace(scene, views=[stored, *scene.views[1:]])
+    found = find_boxed([Box("a", 27, 17, 74, 64)], shown)
+    assert overlap(cut_out(stored, found.boxes["a"]), turned(disc, inverse(orientation))) > 0.95
+    assert "as viewers show it" in found.notes[0]
+
+
+def test_a_box_that_fits_as_stored_only(scene):
+    view, _ = disc_view()
+    shown = replace(scene, views=[replace(view, orientation=6), *scene.views[1:]])
+    assert find_boxed([Box("a", 100, 10, 160, 90)], shown).boxes["a"] == Box("a", 100, 10, 160, 90)
+    assert "as it is stored" in find_boxed([Box("a", 100, 10, 160, 90)], shown).notes[0]
+    with pytest.raises(InputError, match="is not within its 120 x 160 px"):
+        find_boxed([Box("a", 100, 10, 160, 161)], shown)
 
 
 def test_words_become_boxes():

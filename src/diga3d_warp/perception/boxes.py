@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.scene.decoding import turned
+from diga3d_warp.scene.orientation import inverse
 from diga3d_warp.scene.scene import Scene, View
 
 BOXES_MOST = 3
@@ -21,7 +24,8 @@ class Box:
 
     Attributes:
         view: Name of the view, with or without the ending of its file.
-        left, top, right, bottom: Edges [px], right and bottom not included.
+        left, top, right, bottom: Edges [px], right and bottom not included; of the photograph as viewers show
+            it, which its EXIF orientation may turn.
     """
 
     view: str
@@ -76,7 +80,19 @@ def read_boxes(words: Sequence[Sequence[str]]) -> list[Box]:
     return boxes
 
 
-def find_boxed(boxes: Sequence[Box], scene: Scene) -> dict[str, Box]:
+class Boxed(NamedTuple):
+    """Boxes that were found.
+
+    Attributes:
+        boxes: By the name of their view, on its pixels.
+        notes: How boxes of views that viewers turn were read, one line each.
+    """
+
+    boxes: dict[str, Box]
+    notes: list[str]
+
+
+def find_boxed(boxes: Sequence[Box], scene: Scene) -> Boxed:
     """The boxes by the name of their view.
 
     Raises:
@@ -88,6 +104,7 @@ def find_boxed(boxes: Sequence[Box], scene: Scene) -> dict[str, Box]:
     held_out = {view.name: view for view in scene.test_views}
     views = {view.name: view for view in scene.views} | held_out
     found: dict[str, Box] = {}
+    notes: list[str] = []
     for box in boxes:
         name = box.view if box.view in views else box.view.rpartition(".")[0]
         if name not in views:
@@ -101,16 +118,42 @@ def find_boxed(boxes: Sequence[Box], scene: Scene) -> dict[str, Box]:
             )
         if name in found:
             raise InputError(f"mask box: view {name!r} has two; give one box a view, around the whole object")
-        height, width = views[name].pixels.shape[:2]
-        inside = 0 <= box.left < box.right <= width and 0 <= box.top < box.bottom <= height
-        if not inside:
+        view, edges = views[name], f"{box.left} {box.top} {box.right} {box.bottom}"
+        height, width = _shown(view)
+        if _is_within(box, height, width):
+            found[name], meant = _as_stored(box, view), "viewers show it"
+        elif view.orientation != 1 and _is_within(box, *view.pixels.shape[:2]):
+            found[name], meant = box, "it is stored, where alone it fits"
+        else:
             raise InputError(
-                f"mask box {box.left} {box.top} {box.right} {box.bottom} of view {name!r} is not within its "
-                f"{width} x {height} px: give X0 Y0 X1 Y1 with 0 <= X0 < X1 <= {width} and "
-                f"0 <= Y0 < Y1 <= {height}"
+                f"mask box {edges} of view {name!r} is not within its {width} x {height} px: give "
+                f"X0 Y0 X1 Y1 with 0 <= X0 < X1 <= {width} and 0 <= Y0 < Y1 <= {height}"
             )
-        found[name] = box
-    return found
+        if view.orientation != 1:
+            notes.append(
+                f"view {name} is kept as it is stored, not turned as EXIF says; mask box {edges} is taken "
+                f"for one of the photograph as {meant}"
+            )
+    return Boxed(found, notes)
+
+
+def _shown(view: View) -> tuple[int, int]:
+    """Height and width of a photograph as viewers show it [px]."""
+    height, width = view.pixels.shape[:2]
+    return (width, height) if view.orientation >= 5 else (height, width)
+
+
+def _is_within(box: Box, height: int, width: int) -> bool:
+    return 0 <= box.left < box.right <= width and 0 <= box.top < box.bottom <= height
+
+
+def _as_stored(box: Box, view: View) -> Box:
+    """A box of a photograph as viewers show it, on the pixels of its view."""
+    area = np.zeros(_shown(view), bool)
+    area[box.top : box.bottom, box.left : box.right] = True
+    area = turned(area, inverse(view.orientation))
+    rows, columns = np.flatnonzero(area.any(1)).tolist(), np.flatnonzero(area.any(0)).tolist()
+    return replace(box, left=columns[0], top=rows[0], right=columns[-1] + 1, bottom=rows[-1] + 1)
 
 
 def cut_out(view: View, box: Box) -> np.ndarray:

@@ -73,7 +73,11 @@ OWN_MASKS = Marks()
 
 
 def read_marks(
-    masks: Path | None, mask_boxes: Sequence[Sequence[str]], mask_prompt: str | None, mask_models: Path | None
+    masks: Path | None,
+    mask_boxes: Sequence[Sequence[str]],
+    mask_prompt: str | None,
+    mask_models: Path | None,
+    mask_ids: Sequence[int] = (),
 ) -> Marks:
     """Marks as they are given on the command line.
 
@@ -85,6 +89,10 @@ def read_marks(
     names = [name for name, value in given.items() if value is not None]
     if len(names) > 1:
         raise InputError(f"{' and '.join(names)} each say where the object is: give one of them")
+    if mask_ids and (mask_boxes or mask_prompt is not None):
+        raise InputError(
+            "--mask-ids chooses among the objects in masks: leave it out beside a box or a prompt"
+        )
     if mask_prompt is None:
         if mask_models is not None:
             raise InputError("--mask-models is read for --mask-prompt only: give what the object is called")
@@ -121,6 +129,8 @@ def mark(run: Run, scene: Scene, marks: Marks) -> Scene:
     """
     words = marks.words
     if words is None:
+        for note in find_boxed(marks.boxes, scene).notes:
+            run.note(note)
         return _boxed(scene, marks.boxes)
 
     def compute(folder: Path) -> None:
@@ -152,7 +162,7 @@ def _boxed(scene: Scene, boxes: Sequence[Box]) -> Scene:
     if not boxes:
         return scene
     views = {view.name: view for view in scene.views}
-    found = find_boxed(boxes, scene)
+    found = find_boxed(boxes, scene).boxes
     return _with_masks(scene, {name: cut_out(views[name], box) for name, box in found.items()})
 
 

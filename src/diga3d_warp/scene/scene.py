@@ -24,6 +24,7 @@ class View:
         mask: True where the user says that the object is, shape (H, W), bool; None if the user says nothing
             of this view. Masks that a run makes of it have names of their own (`pipelines.stages.Masks`).
         alpha: Opacity of the photograph, shape (H, W), uint8; None where it is opaque everywhere.
+        orientation: EXIF orientation by which viewers turn `pixels`; 1 if they show them as they are here.
     """
 
     name: str
@@ -31,6 +32,7 @@ class View:
     pixels: np.ndarray
     mask: np.ndarray | None = None
     alpha: np.ndarray | None = None
+    orientation: int = 1
 
     @property
     def image(self) -> torch.Tensor:
@@ -71,11 +73,13 @@ class Reading:
         image_scale: Size of the views, relative to the largest images of the capture.
         masks: Folder of the masks, if it was given.
         hold_out: Every such view is held out; 0 for none.
+        mask_ids: Numbers of the objects that the masks are read for; all if empty.
     """
 
     image_scale: float = 1.0
     masks: Path | None = None
     hold_out: int = 8
+    mask_ids: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +96,8 @@ class Scene:
         splat: The splat .ply that the scene came with, if it came with one.
         ground_truth: True if `test_views` show the scene without the object (the SPIn-NeRF protocol).
         reading: How it was read.
+        mask_problem: Why masks that are there are not used; None if nothing is wrong with them.
+        may_be_seen: Whether `splat` may have been trained on `test_views`: it came without its own split.
     """
 
     path: Path
@@ -103,6 +109,8 @@ class Scene:
     splat: Path | None = None
     ground_truth: bool = False
     reading: Reading = Reading()
+    mask_problem: str | None = None
+    may_be_seen: bool = False
 
     @property
     def extent(self) -> float:
