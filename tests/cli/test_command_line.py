@@ -122,6 +122,7 @@ def test_defaults_are_handed_over(monkeypatch):
     assert {name: str(given.pop(name)) for name in ("scene", "out")} == {"scene": "scene", "out": "run"}
     assert given == {
         "masks": None,
+        "mask_ids": (),
         "image_scale": 1.0,
         "iterations": None,
         "accuracy": "standard",

@@ -16,7 +16,7 @@ from PIL import Image, ImageOps
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene import decoding, images
 from diga3d_warp.scene.decoding import LIMITS, decode, read_header, turned
-from diga3d_warp.scene.images import Photograph, read_image, read_photograph, read_photographs
+from diga3d_warp.scene.images import Photograph, Wanted, read_image, read_photograph, read_photographs
 
 COLORS = cv2.resize(
     np.random.default_rng(0).integers(0, 256, (6, 8, 3), dtype=np.uint8),
@@ -49,7 +49,7 @@ def test_a_decompression_bomb_is_refused_by_its_header(tmp_path, monkeypatch):
     for read in (read_photograph, read_image, lambda path: decode(path.read_bytes(), path)):
         with pytest.raises(InputError, match=r"bomb\.png: 30000 x 30000 px; images of more than 250 million"):
             read(path)
-    (refused,) = read_photographs([path], 1.0, False)
+    (refused,) = read_photographs([Wanted(path)], False)
     assert isinstance(refused, InputError)
 
 
@@ -183,7 +183,7 @@ def test_large_photographs_are_decoded_one_at_a_time(tmp_path, monkeypatch):
     monkeypatch.setattr(images, "read_photograph", read)
     monkeypatch.setattr(images, "LIMITS", replace(LIMITS, at_once=1200))
     files = sorted(tmp_path.iterdir())
-    found = list(read_photographs(files, 1.0, False))
+    found = list(read_photographs([Wanted(file) for file in files], False))
     assert [photograph.pixels.shape[1] for photograph in found] == [sizes[f.stem][0] for f in files]
     assert most == 2400, "the larger one alone, although it is over the bound"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from diga3d_warp.cli.parsing import effects, hold_out, path, positive_int, scale, seed
+from diga3d_warp.cli.parsing import effects, hold_out, path, positive_int, scale, seed, whole_numbers
 
 
 def add_run_options(command: argparse.ArgumentParser) -> None:
@@ -17,6 +17,13 @@ def add_run_options(command: argparse.ArgumentParser) -> None:
         type=path,
         metavar="DIR",
         help="folder with a mask for each image (default: found in the capture)",
+    )
+    command.add_argument(
+        "--mask-ids",
+        type=whole_numbers,
+        default=(),
+        metavar="N,N",
+        help="the objects that are meant, where masks hold the numbers of several (default: all)",
     )
     command.add_argument(
         "--image-scale",

@@ -101,6 +101,13 @@ def _decimal(text: str) -> int | None:
     return int(text) if len(text) < 20 else BOUNDLESS
 
 
+def whole_numbers(text: str) -> tuple[int, ...]:
+    numbers = text.split(",")
+    if not all(number.strip().isdecimal() for number in numbers):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a list of whole numbers such as 3,7")
+    return tuple(int(number) for number in numbers)
+
+
 def effects(text: str) -> dict[str, bool | int]:
     from diga3d_warp.effects.overrides import parse_overrides
 

@@ -40,6 +40,7 @@ from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.cameras_file import load_cameras
 from diga3d_warp.scene.images import BACKGROUND
+from diga3d_warp.scene.labels import stretched
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_plane
@@ -116,6 +117,7 @@ def evaluate(
         "protocol": protocol,
         "image_scale": scale,
         "lpips": None,
+        "may_be_seen": scene.may_be_seen,
         "comparisons": [comparison.as_json() for comparison in comparisons],
     }
     if protocol == "held-out":
@@ -130,6 +132,8 @@ def evaluation_tables(figures: Mapping[str, Any]) -> list[Table]:
     count = max(len(comparison["views"]) for comparison in comparisons)
     title = f"Mean over {count} views ({figures['protocol']}, image scale {figures['image_scale']:g}). "
     title += LPIPS_LINE
+    if figures.get("may_be_seen"):
+        title += " The splat was given: it may have been trained on these views."
     if figures.get("unmasked_loss_db") is not None:
         title += f" Unmasked pixels lost {figures['unmasked_loss_db']:.2f} dB to the edit."
     means = {entry["title"]: _scores_from_json(entry["mean"]) for entry in comparisons}
@@ -212,6 +216,7 @@ def _load_scene(folder: Path, settings: Mapping[str, Any], scale: float) -> Scen
         Path(settings["scene"]),
         image_scale=scale,
         masks=Path(masks) if masks else None,
+        mask_ids=settings.get("mask_ids", ()),
         hold_out=settings.get("hold_out", 8),
     )
 
@@ -232,14 +237,12 @@ def _test_views(folder: Path, scene: Scene) -> list[View]:
 
 def _used_mask(folder: Path, view: View) -> NDArray[np.bool_] | None:
     """The mask that the run used for a view, which may be wider than the scene's; else the scene's."""
-    import cv2
-
     path = folder / "masks" / f"{view.name}.png"
     if not path.is_file():
         return view.mask
     mask = read_plane(path)
     height, width = view.pixels.shape[:2]
-    return cv2.resize(mask, (width, height), interpolation=cv2.INTER_NEAREST) > 127
+    return stretched(mask, width, height) > 127
 
 
 def _renderer(path: Path, effects: Effects) -> Callable[[Camera], torch.Tensor]:

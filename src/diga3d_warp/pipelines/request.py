@@ -26,6 +26,7 @@ class FitRequest:
         scene: Folder or file of a capture, or a scene from `load_scene`.
         out: Run folder, a new one unless `resume` is set.
         masks: Folder with a mask for each image; None looks for one in the capture.
+        mask_ids: Numbers of the objects that are meant, where masks hold several; all if empty.
         image_scale: Size of the images relative to the largest of the capture, in (0, 1].
         hold_out: Every such view is kept for testing; 0 keeps none.
         iterations: Steps of the fit; None chooses by the scene.
@@ -38,6 +39,7 @@ class FitRequest:
     scene: str | Path | Scene
     out: str | Path
     masks: str | Path | None = None
+    mask_ids: Sequence[int] = ()
     image_scale: float = Reading.image_scale
     hold_out: int = Reading.hold_out
     iterations: int | None = None
@@ -52,11 +54,11 @@ class FitRequest:
                 raise InputError(f"{each.name} is empty: give a path")
         if self.accuracy not in ACCURACIES:
             raise InputError(f"accuracy {self.accuracy!r} is unknown: use one of {', '.join(ACCURACIES)}")
-        asked = Reading(self.image_scale, optional_path(self.masks), self.hold_out)
+        asked = Reading(self.image_scale, optional_path(self.masks), self.hold_out, tuple(self.mask_ids))
         if isinstance(self.scene, Scene) and asked not in (Reading(), self.scene.reading):
             raise InputError(
-                "image_scale, masks and hold_out say how a capture is read: give them to load_scene, or "
-                "give the path of the capture"
+                "image_scale, masks, mask_ids and hold_out say how a capture is read: give them to "
+                "load_scene, or give the path of the capture"
             )
 
     @property
@@ -76,6 +78,7 @@ class FitRequest:
             self.scene,
             image_scale=self.image_scale,
             masks=self.masks,
+            mask_ids=self.mask_ids,
             hold_out=self.hold_out,
             progress=True,
         )
@@ -95,6 +98,7 @@ class FitRequest:
         settings = {
             "scene": scene.path,
             "masks": scene.reading.masks,
+            "mask_ids": scene.reading.mask_ids,
             "image_scale": scene.reading.image_scale,
             "hold_out": scene.reading.hold_out,
             "seed": self.seed,
@@ -133,9 +137,10 @@ class EditRequest(FitRequest, Choices):
         Raises:
             InputError: see `read_marks`.
         """
-        masks = self.scene.reading.masks if isinstance(self.scene, Scene) else self.masks
+        read = self.scene.reading if isinstance(self.scene, Scene) else self
         boxes = [[str(part) for part in box] for box in self.mask_boxes]
-        return read_marks(optional_path(masks), boxes, self.mask_prompt, optional_path(self.mask_models))
+        models = optional_path(self.mask_models)
+        return read_marks(optional_path(read.masks), boxes, self.mask_prompt, models, read.mask_ids)
 
     def open_edit(
         self, command: str, scene: Scene, iterations: int, marks: Marks, method: Method, **further: Any

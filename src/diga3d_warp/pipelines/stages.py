@@ -185,6 +185,8 @@ def masked_views(scene: Scene) -> list[View]:
     """
     masked = [view for view in scene.views if view.mask is not None]
     if not masked:
+        if scene.mask_problem is not None:
+            raise InputError(scene.mask_problem)
         raise InputError(
             f"{scene.path}: no view has a mask; put one for each image into {scene.path / 'masks'}, "
             "white on the object, or name a folder with --masks"

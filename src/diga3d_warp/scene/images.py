@@ -179,9 +179,21 @@ class _Room:
                 self._changed.notify_all()
 
 
-def read_photographs(
-    files: Sequence[Path], scale: float, progress: bool
-) -> Iterator[Photograph | InputError]:
+class Wanted(NamedTuple):
+    """A photograph to be read.
+
+    Attributes:
+        file: The file.
+        scale: Size to read it at, in (0, 1].
+        orientation: EXIF orientation to turn it by; 1 leaves it as stored.
+    """
+
+    file: Path
+    scale: float = 1.0
+    orientation: int = 1
+
+
+def read_photographs(wanted: Sequence[Wanted], progress: bool) -> Iterator[Photograph | InputError]:
     """Read and resize images on all cores, in order; what could not be read is yielded as its error.
 
     Few large images are decoded at the same time: see `DecodingLimits.at_once`.
@@ -190,15 +202,15 @@ def read_photographs(
 
     room = _Room(LIMITS.at_once)
 
-    def read(path: Path) -> Photograph | InputError:
+    def read(one: Wanted) -> Photograph | InputError:
         try:
-            header = read_header(path)
+            header = read_header(one.file)
             with room.of(header.width * header.height):
-                return read_photograph(path, scale)
+                return read_photograph(*one)
         except InputError as error:
             return error
 
     with ThreadPoolExecutor() as pool:
         yield from tqdm(
-            pool.map(read, files), "reading images", len(files), disable=not progress, leave=False
+            pool.map(read, wanted), "reading images", len(wanted), disable=not progress, leave=False
         )

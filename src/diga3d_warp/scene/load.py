@@ -15,11 +15,19 @@ from diga3d_warp.scene.calibration import calibration_notes, check_sizes, fits
 from diga3d_warp.scene.capture import Capture, Shot
 from diga3d_warp.scene.colmap import read_colmap
 from diga3d_warp.scene.formats.read import read_splat_points
-from diga3d_warp.scene.images import Photograph, read_photograph, read_photographs
+from diga3d_warp.scene.images import Photograph, Wanted, read_photograph, read_photographs
 from diga3d_warp.scene.llff import read_llff
-from diga3d_warp.scene.masks import find_masks, mask_notes, read_mask, without_covering
+from diga3d_warp.scene.masks import find_masks, judge_masks, mask_views
 from diga3d_warp.scene.names import view_names
 from diga3d_warp.scene.nerfstudio import read_nerfstudio
+from diga3d_warp.scene.orientation import (
+    Turns,
+    find_turns,
+    fit_upright,
+    more_points,
+    turn_notes,
+    turned_view,
+)
 from diga3d_warp.scene.photo_set import find_photographs
 from diga3d_warp.scene.polycam import read_polycam
 from diga3d_warp.scene.recognise import Recognised, no_photographs, recognise
@@ -41,6 +49,7 @@ def load_scene(
     *,
     image_scale: float = Reading.image_scale,
     masks: str | Path | None = None,
+    mask_ids: Sequence[int] = Reading.mask_ids,
     hold_out: int = Reading.hold_out,
     progress: bool = False,
 ) -> Scene:
@@ -58,7 +67,9 @@ def load_scene(
         path: Scene folder, or the file in it that holds the poses or the splat.
         image_scale: Size of the views in (0, 1], relative to the largest images present. `images_N` is read
             where it is large enough.
-        masks: Folder with masks named after the images; None looks for `images_N/label` and `masks`.
+        masks: Folder with masks named after the images; None looks for `images_N/label`, masks that
+            transforms.json names, and `masks`. Those found that are of no use are noted and left out.
+        mask_ids: Numbers of the objects that are meant, where masks hold several; all if empty.
         hold_out: Every such view in sorted order, from the first, is held out for testing; 0 holds out none,
             and so do scenes of fewer than 4 views. A capture's own split is kept instead: of SPIn-NeRF,
             NeRF-synthetic, test_filenames in transforms.json, cameras.json of this program.
@@ -80,7 +91,9 @@ def load_scene(
     shots = _shots(capture, root)
     sources = find_sources(capture.image_folders, list(shots), image_scale)
     keys = _keys(sources.found)
-    photographs, damaged = _read_photographs(sources.found, progress)
+    files = {keys[name]: source.file for name, source in sources.found.items()}
+    turns = find_turns({keys[name]: shots[name].camera for name in sources.found}, files)
+    photographs, damaged = _read_photographs(sources.found, keys, turns, progress)
     notes = [*found.notes, *capture.notes, *sources.notes, *damaged]
     notes += calibration_notes({keys[name]: shots[name].camera for name in sources.found})
     if len(photographs) < 2:
@@ -88,36 +101,48 @@ def load_scene(
             f"{root}: a scene needs at least two photographs with poses, not {len(photographs)}; "
             f"{'; '.join([*sources.notes, *damaged][:_REASONS]) or 'take or register more'}"
         )
-    views = {
-        keys[name]: _view(shots[name], keys[name], photograph) for name, photograph in photographs.items()
+    read = {
+        keys[name]: _view(shots[name], keys[name], photograph, turns.left(keys[name]))
+        for name, photograph in photographs.items()
     }
-    views = {key: views[key] for key in sorted(views)}
+    views: Mapping[str, View] = {key: read[key] for key in sorted(read)}
     check_sizes({key: view.camera for key, view in views.items()}, image_scale)
     held_out = capture.held_out and frozenset(keys[name] for name in capture.held_out if name in keys)
 
     mask_folder = Path(masks) if masks is not None else None
-    mask_files = find_masks(root, capture.image_folders, mask_folder, list(views))
-    for key, file in mask_files.files.items():
-        height, width = views[key].pixels.shape[:2]
-        views[key] = views[key].with_mask(read_mask(file, width, height))
+    named = {keys[name]: file for name, shot in shots.items() if (file := shot.mask) and name in photographs}
+    mask_files = find_masks(root, capture.image_folders, mask_folder, list(views), named)
+    if mask_files.ground_truth:
+        held_out = (held_out or frozenset()) | mask_files.ground_truth
+    test_keys = _held_out(list(views), held_out, hold_out)
+    if test_keys.issuperset(views):
+        raise InputError(f"{root}: its split leaves no view for training; correct it, or restore the images")
 
-    points = capture.points
-    if points is None or not len(points):
-        shown = [view for key, view in views.items() if key not in (held_out or ())]
-        points = _triangulate(shown, progress)
-        notes.append(f"the capture has no sparse points: triangulated {len(points)}")
+    views, turns, points, said = _with_points(views, turns, capture.points, test_keys, progress)
+    notes += said
     if not len(points):
         raise InputError(
             f"{root}: no sparse points, and none could be triangulated; check that poses and images match"
         )
-    if mask_files.ground_truth:
-        held_out = (held_out or frozenset()) | mask_files.ground_truth
-    train, test = _split(views, held_out, hold_out)
-    if not train:
-        raise InputError(f"{root}: its split leaves no view for training; correct it, or restore the images")
-    if mask_files.files:
-        notes += mask_notes(train, mask_folder or root)
-        train = without_covering(train)
+    may_be_seen = found.splat is not None and held_out is None and bool(test_keys)
+    if may_be_seen:
+        notes.append("the held-out views may be among those that the given splat was trained on")
+    if capture.kind == "images" and test_keys:
+        notes.append("the poses, and the points, were found from all photographs, also from those held out")
+    masked = mask_views(views, mask_files, mask_ids, turns.masks(views))
+    names = view_names(list(views))
+    train, test = (
+        [replace(view, name=names[key]) for key, view in masked.views.items() if (key in test_keys) == held]
+        for held in (False, True)
+    )
+    problem = masked.problem
+    notes += masked.notes
+    if mask_files.files and problem is None:
+        train, said, problem = judge_masks(train, mask_folder or root)
+        notes += said
+    if problem is not None:
+        test = test if mask_files.ground_truth else [view.with_mask(None) for view in test]
+        notes.append(f"masks are not used: {problem}")
     return Scene(
         path,
         capture.kind,
@@ -127,7 +152,9 @@ def load_scene(
         tuple(notes),
         found.splat,
         ground_truth=bool(mask_files.ground_truth),
-        reading=Reading(image_scale, mask_folder, hold_out),
+        reading=Reading(image_scale, mask_folder, hold_out, tuple(mask_ids)),
+        mask_problem=problem,
+        may_be_seen=may_be_seen,
     )
 
 
@@ -176,8 +203,33 @@ def _map_folder(root: Path, progress: bool) -> Capture:
     return Capture("images", shots, found.folders, points, notes)
 
 
-def _triangulate(views: Sequence[View], progress: bool) -> Points:
-    numbered = _numbered(views)
+def _with_points(
+    views: Mapping[str, View], turns: Turns, given: Points | None, test: frozenset[str], progress: bool
+) -> tuple[Mapping[str, View], Turns, Points, list[str]]:
+    """Views as their calibration means them, sparse points, and what to say of both.
+
+    Points that the capture lacks are triangulated, from training views alone: those of held-out views would
+    show the fit what it is tested on.
+    """
+    doubtful, notes = turns.doubtful, []
+    upright = {
+        key: turned_view(view, doubtful[key]) if key in doubtful else view for key, view in views.items()
+    }
+    if given is not None and len(given):
+        points, better = given, fit_upright(views, doubtful, given)
+    else:
+        points, better = _triangulate(views, test, progress), False
+        if doubtful:
+            others = _triangulate(upright, test, progress)
+            better = more_points(len(points), len(others))
+            points = others if better else points
+        notes.append(f"the capture has no sparse points: triangulated {len(points)}")
+    notes += turn_notes(turns, better)
+    return upright if better else views, turns.settled(bool(better)), points, notes
+
+
+def _triangulate(views: Mapping[str, View], test: frozenset[str], progress: bool) -> Points:
+    numbered = _numbered([view for key, view in views.items() if key not in test])
     pixels = {number: view.pixels for number, view in numbered.items()}
     return triangulate(pixels, {number: view.camera for number, view in numbered.items()}, progress)
 
@@ -208,44 +260,37 @@ def _keys(found: Mapping[str, Source]) -> dict[str, str]:
 
 
 def _read_photographs(
-    sources: Mapping[str, Source], progress: bool
+    sources: Mapping[str, Source], keys: Mapping[str, str], turns: Turns, progress: bool
 ) -> tuple[dict[str, Photograph], list[str]]:
     """Photographs by name, and a note on each that is damaged."""
     photographs: dict[str, Photograph] = {}
     notes = []
-    for scale in sorted({source.scale for source in sources.values()}):
-        names = [name for name, source in sources.items() if source.scale == scale]
-        read = read_photographs([sources[name].file for name in names], scale, progress)
-        for name, photograph in zip(names, read, strict=True):
-            if isinstance(photograph, InputError):
-                notes.append(f"left out: {photograph}")
-            else:
-                photographs[name] = photograph
+    wanted = [Wanted(source.file, source.scale, turns.of(keys[name])) for name, source in sources.items()]
+    for name, photograph in zip(sources, read_photographs(wanted, progress), strict=True):
+        if isinstance(photograph, InputError):
+            notes.append(f"left out: {photograph}")
+        else:
+            photographs[name] = photograph
     return photographs, notes
 
 
-def _view(shot: Shot, key: str, photograph: Photograph) -> View:
+def _view(shot: Shot, key: str, photograph: Photograph, orientation: int) -> View:
     height, width = photograph.pixels.shape[:2]
     camera = shot.camera
     if not fits(camera, width, height):
+        turned = "" if orientation == 1 else f", also turned by its EXIF orientation {orientation}"
         raise InputError(
-            f"image {key}: {width} x {height} px as read, but calibrated at {camera.width} x "
+            f"image {key}: {width} x {height} px as read{turned}, but calibrated at {camera.width} x "
             f"{camera.height} px; use the photographs of the calibration"
         )
-    return View(key, camera.resized(width, height), photograph.pixels, alpha=photograph.alpha)
+    resized = camera.resized(width, height)
+    return View(key, resized, photograph.pixels, alpha=photograph.alpha, orientation=orientation)
 
 
-def _split(
-    views: Mapping[str, View], apart: frozenset[str] | None, hold_out: int
-) -> tuple[list[View], list[View]]:
-    """Training and test views, named; the latter are those that the capture keeps apart, if it says so."""
-    names = view_names(list(views))
-    train: list[View] = []
-    test: list[View] = []
-    for index, (key, view) in enumerate(views.items()):
-        if apart is not None:
-            held_out = key in apart
-        else:
-            held_out = hold_out > 0 and len(views) >= _FEWEST_VIEWS_TO_HOLD_OUT and index % hold_out == 0
-        (test if held_out else train).append(replace(view, name=names[key]))
-    return train, test
+def _held_out(keys: Sequence[str], apart: frozenset[str] | None, hold_out: int) -> frozenset[str]:
+    """Keys of the test views: those that the capture keeps apart, if it says so, else every so many."""
+    if apart is not None:
+        return apart
+    if hold_out <= 0 or len(keys) < _FEWEST_VIEWS_TO_HOLD_OUT:
+        return frozenset()
+    return frozenset(keys[::hold_out])

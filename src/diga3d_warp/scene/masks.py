@@ -1,36 +1,52 @@
-"""Masks: where they lie, which image each belongs to, and how they are stored."""
+"""Masks: where they lie, which image each belongs to, and whether they can be the object.
+
+A capture whose masks are of no use is still a capture: only an edit that needs them refuses it. So what is
+wrong with masks that were found is kept as a line, `Scene.mask_problem`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.decoding import decode, read_bytes
+from diga3d_warp.scene.decoding import turned
 from diga3d_warp.scene.folders import image_files
+from diga3d_warp.scene.labels import read_labels
+from diga3d_warp.scene.mask_objects import object_masks
 from diga3d_warp.scene.names import image_key, listed
+from diga3d_warp.scene.orientation import masks_turned
 from diga3d_warp.scene.scene import View
+
+MASK_FOLDERS = ("masks", "mask")
+"""Folders of a scene in which masks are looked for, in this order."""
+
+# What people and tools add to the name of an image for the name of its mask.
+_AFFIX = re.compile(
+    r"^(?:mask|matte|label|seg)s?[._ -]+|[._ -]+(?:mask|matte|label|seg|segmentation|alpha)s?$", re.IGNORECASE
+)
 
 
 @dataclass(frozen=True)
 class MaskTolerance:
-    """What a mask may be off by.
+    """What masks may cover. Objects in captures cover up to about half of the images; chosen, not measured.
 
     Attributes:
-        aspect: Largest deviation of a mask's aspect ratio from its image's, as a fraction. SPIn-NeRF's masks
-            are 576 px high for images of 567 px, which is 1.6 %.
-        covering: Share of the pixels from which on a mask covers everything, so that nothing is left to
-            learn the scene from. Objects in captures cover up to about half; chosen, not measured.
-        levels: Up to this many grey levels any level above zero belongs to the mask: 0/1, 0/255, 0/38. Masks
-            with more levels (JPEG, soft edges) are cut at 127 of 255.
+        covering: Share of the pixels from which on a mask covers everything, so that nothing is left to learn
+            the scene from.
+        most: Mean share of the pixels, and
+        rim: mean share of the images' borders, from which on masks are taken for inverted: the object is what
+            they leave out.
     """
 
-    aspect: float = 0.02
     covering: float = 0.95
-    levels: int = 2
+    most: float = 0.5
+    rim: float = 0.7
 
 
 TOLERANCE = MaskTolerance()
@@ -43,47 +59,25 @@ class MaskFiles:
     Attributes:
         files: Mask file of each image that has one, by image key.
         ground_truth: Keys of the images that show the scene without the object (SPIn-NeRF), or empty.
+        notes: What was guessed, one line each.
+        problem: Why masks that are there are not used; None if nothing is wrong.
     """
 
-    files: Mapping[str, Path]
+    files: Mapping[str, Path] = field(default_factory=dict)
     ground_truth: frozenset[str] = frozenset()
-
-
-def _by_key(folder: Path) -> dict[str, Path]:
-    # A mask may be called after the whole image name: IMG_1.jpg.png.
-    return {image_key(key): path for key, path in image_files(folder).items()}
-
-
-def _match(keys: Sequence[str], masks: Mapping[str, Path]) -> dict[str, Path]:
-    """Mask of each image by its key, or else by its last part."""
-    by_name = {key: masks.get(key) or masks.get(key.rsplit("/", 1)[-1]) for key in keys}
-    return {key: path for key, path in by_name.items() if path is not None}
-
-
-def given_masks(folder: Path, keys: Sequence[str]) -> dict[str, Path]:
-    """Masks in a folder that the user named.
-
-    Raises:
-        InputError: the folder is missing or empty, or no mask has the name of an image.
-    """
-    masks = _by_key(folder) if folder.is_dir() else {}
-    if not masks:
-        raise InputError(
-            f"{folder}: there are no mask images in this folder; name the folder that holds them"
-        )
-    matched = _match(keys, masks)
-    if not matched:
-        raise InputError(
-            f"{folder}: no mask has the name of an image (mask {next(iter(masks))!r}, image {keys[0]!r}); "
-            "rename the masks after the images"
-        )
-    return matched
+    notes: Sequence[str] = ()
+    problem: str | None = None
 
 
 def find_masks(
-    root: Path, image_folders: Mapping[int, Path], given: Path | None, keys: Sequence[str]
+    root: Path,
+    image_folders: Mapping[int, Path],
+    given: Path | None,
+    keys: Sequence[str],
+    named: Mapping[str, Path] | None = None,
 ) -> MaskFiles:
-    """The masks of a scene: those that the user named, else SPIn-NeRF's labels, else `masks`.
+    """The masks of a scene: those that the user named, else SPIn-NeRF's labels, else those that the
+    calibration names, else a folder `masks`.
 
     In a SPIn-NeRF scene the images with a mask in `images_N/label` are for training; the rest show the scene
     without the object, and their masks lie in `images_N/test_label` in sorted order.
@@ -93,107 +87,220 @@ def find_masks(
         image_folders: Image folders of the scene by factor.
         given: Folder named by the user, whose masks take the place of those found.
         keys: Keys of the calibrated images.
+        named: Mask files that the calibration names, by key.
 
     Raises:
-        InputError: as `given_masks`.
+        InputError: `given` is missing or empty, or its masks cannot be told whose they are.
     """
-    found = MaskFiles({})
+    found = MaskFiles()
     labelled = next((f for f in image_folders.values() if image_files(f / "label")), None)
-    if labelled is not None:
-        found = _spin_nerf_masks(labelled, keys)
-    elif (root / "masks").is_dir():
-        found = MaskFiles(given_masks(root / "masks", keys))
+    folder = next((root / name for name in MASK_FOLDERS if (root / name).is_dir()), None)
+    try:
+        if labelled is not None:
+            found = _spin_nerf_masks(labelled, keys)
+        elif named:
+            found = _named_masks(named)
+        elif folder is not None:
+            found = match_masks(folder, keys)
+    except InputError as error:
+        found = MaskFiles(problem=str(error))
     if given is None:
         return found
-    chosen = given_masks(given, [key for key in keys if key not in found.ground_truth])
+    chosen = match_masks(given, [key for key in keys if key not in found.ground_truth])
     truth = {key: path for key, path in found.files.items() if key in found.ground_truth}
-    return MaskFiles({**truth, **chosen}, found.ground_truth)
+    return MaskFiles({**truth, **chosen.files}, found.ground_truth, chosen.notes)
+
+
+def match_masks(folder: Path, keys: Sequence[str]) -> MaskFiles:
+    """Masks of a folder by the images that they are called after.
+
+    A mask has the path of its image, or that path with "_" for "/", or the name without folders, or one of
+    these with an addition such as "_mask"; the latter two only where one image and one mask have the name.
+
+    Raises:
+        InputError: the folder is missing or empty, no mask has the name of an image, or one mask has the name
+            of several.
+    """
+    # A mask may be called after the whole image name: IMG_1.jpg.png.
+    masks = {image_key(key): path for key, path in image_files(folder).items()} if folder.is_dir() else {}
+    if not masks:
+        raise InputError(
+            f"{folder}: there are no mask images in this folder; name the folder that holds them"
+        )
+    found = {key: masks.get(key) or masks.get(key.replace("/", "_")) for key in keys}
+    files = {key: path for key, path in found.items() if path is not None}
+    by_name, shared = _match(keys, masks, files, lambda name: name)
+    by_part, _ = _match(keys, masks, {**files, **by_name}, lambda name: image_key(_AFFIX.sub("", name)))
+    if shared:
+        name, several = next(iter(shared.items()))
+        raise InputError(
+            f"{masks[name]}: the images {' and '.join(several[:2])} both have the name of this mask; put the "
+            "masks into folders like those of the images"
+        )
+    notes = []
+    if by_part:
+        key, path = next(iter(by_part.items()))
+        notes.append(
+            f"{folder}: {len(by_part)} masks are matched by a part of their names, as {path.name} to {key}"
+        )
+    files = {**files, **by_name, **by_part}
+    if not files:
+        raise InputError(
+            f"{folder}: no mask has the name of an image (mask {next(iter(masks))!r}, image {keys[0]!r}); "
+            "rename the masks after the images"
+        )
+    return MaskFiles({key: files[key] for key in keys if key in files}, notes=notes)
+
+
+def _match(
+    keys: Sequence[str], masks: Mapping[str, Path], files: Mapping[str, Path], spelled: Callable[[str], str]
+) -> tuple[dict[str, Path], dict[str, list[str]]]:
+    """Masks for keys that have none yet, by names without folders, and masks that several keys could have."""
+    images, named = defaultdict(list), defaultdict(list)
+    for key in keys:
+        if key not in files:
+            images[key.rsplit("/", 1)[-1].casefold()].append(key)
+    for name, path in masks.items():
+        if path not in files.values():
+            named[spelled(name.rsplit("/", 1)[-1]).casefold()].append(name)
+    alone = {word: names[0] for word, names in named.items() if len(names) == 1 and word in images}
+    found = {images[word][0]: masks[name] for word, name in alone.items() if len(images[word]) == 1}
+    return found, {name: images[word] for word, name in alone.items() if len(images[word]) > 1}
+
+
+def _named_masks(named: Mapping[str, Path]) -> MaskFiles:
+    there = {key: path for key, path in named.items() if path.is_file()}
+    absent = [path for key, path in named.items() if key not in there]
+    if not there:
+        raise InputError(f"{absent[0]}: the mask that the calibration names is missing; put it there")
+    notes = [f"{absent[0]} and {len(absent) - 1} other masks are missing"] if absent else []
+    return MaskFiles(there, notes=notes)
 
 
 def _spin_nerf_masks(folder: Path, keys: Sequence[str]) -> MaskFiles:
-    training = given_masks(folder / "label", keys)
+    training = match_masks(folder / "label", keys)
     test_masks = image_files(folder / "test_label")
     if not test_masks:
-        return MaskFiles(training)
-    labels = _by_key(folder / "label")
+        return training
     # Sorted order runs over all images of the folder, also those without a pose.
-    rest = [key for key in image_files(folder) if "/" not in key and not _match([key], labels)]
-    test = _match(rest, test_masks)
+    images = [key for key in image_files(folder) if "/" not in key]
+    labels = match_masks(folder / "label", images).files
+    rest = [key for key in images if key not in labels]
+    test = {key: test_masks[key] for key in rest if key in test_masks}
     if len(test) < len(rest) and len(test_masks) == len(rest):
         test = dict(zip(rest, test_masks.values(), strict=True))
-    return MaskFiles({**test, **training}, frozenset(rest) & frozenset(keys))
+    truth = frozenset(rest) & frozenset(keys)
+    files = {**{key: path for key, path in test.items() if key in truth}, **training.files}
+    return MaskFiles(files, truth, training.notes)
 
 
-def read_mask(path: Path, width: int, height: int) -> np.ndarray:
-    """A mask at the size of its image, shape (H, W), bool.
+@dataclass(frozen=True)
+class Masked:
+    """Views with their masks.
 
-    Alpha is used where it varies, else the brightest channel. Rows that a mask has too many are cut off at
-    the bottom; another size of the same aspect ratio is resized without interpolation.
+    Attributes:
+        views: Views, those that have a usable mask with it.
+        notes: What was guessed or left out, one line each.
+        problem: Why no mask is used; None if masks are used.
+    """
+
+    views: Mapping[str, View]
+    notes: Sequence[str]
+    problem: str | None = None
+
+
+def mask_views(
+    views: Mapping[str, View], found: MaskFiles, ids: Sequence[int], turns: Mapping[str, int]
+) -> Masked:
+    """Views with the masks that were found; without any if one of them is no mask.
+
+    Args:
+        views: By image key.
+        found: From `find_masks`.
+        ids: Numbers of the objects that are meant; all if empty.
+        turns: Of views with an EXIF orientation, the one to turn a mask by that is not turned as its view is.
 
     Raises:
-        InputError: the file is no image, or its aspect ratio is not that of the image.
+        InputError: no mask holds one of the ids.
     """
-    import cv2
-
-    stored = decode(read_bytes(path), path)
-    if stored.dtype.kind != "u":
-        raise InputError(f"{path}: not readable as an image of whole numbers; write the mask again as .png")
-    mask = _binary(stored)
-    expected_height = round(mask.shape[1] * height / width)
-    if abs(mask.shape[0] / expected_height - 1) > TOLERANCE.aspect:
-        raise InputError(
-            f"{path}: the mask is {mask.shape[1]} x {mask.shape[0]} px for an image of {width} x {height} "
-            "px; write it with the aspect ratio of the image"
-        )
-    mask = mask[:expected_height]
-    if mask.shape != (height, width):
-        resized = cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
-        mask = resized.astype(bool)
-    return mask
-
-
-def _binary(stored: np.ndarray) -> np.ndarray:
-    if stored.ndim == 3 and stored.shape[2] == 4 and np.ptp(stored[..., 3]) > 0:
-        grey = stored[..., 3]
-    else:
-        grey = stored if stored.ndim == 2 else stored[..., :3].max(axis=2)
-    half = np.iinfo(grey.dtype).max // 2
-    # A file whose brightest level is dark holds numbers of objects, not shades.
-    levels = len(np.unique(grey)) <= TOLERANCE.levels or grey.max() <= half
-    return grey > 0 if levels else grey > half
+    if not found.files:
+        return Masked(views, found.notes, found.problem)
+    try:
+        labels = {
+            key: read_labels(file, views[key].camera.width, views[key].camera.height, turns.get(key, 1))
+            for key, file in found.files.items()
+        }
+        masks, notes = object_masks(labels, ids)
+    except InputError as error:
+        if ids:
+            raise
+        return Masked(views, found.notes, str(error))
+    masked = {key: view.with_mask(masks.get(key)) for key, view in views.items()}
+    doubtful = {
+        key: turn
+        for key, turn in turns.items()
+        if (mask := masks.get(key)) is not None and mask.any() and turned(mask, turn).shape == mask.shape
+    }
+    if doubtful:
+        better = masks_turned((masked[key], turn) for key, turn in doubtful.items())
+        if better:
+            masked |= {key: masked[key].with_mask(turned(masks[key], turn)) for key, turn in doubtful.items()}
+        if better is not False:
+            notes = [*notes, _turned_note(masked, doubtful, better)]
+    return Masked(masked, [*found.notes, *notes])
 
 
-def without_covering(views: Sequence[View]) -> list[View]:
-    """The views, those whose mask covers everything without it: it tells nothing of the object."""
-    return [
-        view.with_mask(None) if view.mask is not None and view.mask.mean() > TOLERANCE.covering else view
-        for view in views
-    ]
+def _turned_note(views: Mapping[str, View], doubtful: Mapping[str, int], better: bool | None) -> str:
+    first = next(iter(doubtful))
+    names = f"{len(doubtful)} photographs have an EXIF orientation ({listed(list(doubtful))})"
+    if better:
+        how = "shown" if views[first].orientation != 1 else "stored"
+        return f"{names}; their masks are taken to be made on them as {how}: so their outlines fit"
+    return f"{names}; their masks are taken to be turned as the photographs here: nothing tells otherwise"
 
 
-def mask_notes(views: Sequence[View], source: Path) -> list[str]:
-    """Notes on training views whose mask is missing, empty, or covers everything.
+def judge_masks(views: Sequence[View], source: Path) -> tuple[list[View], list[str], str | None]:
+    """Training views with the masks that tell where the object is.
 
     Args:
         views: Training views of a scene that came with masks.
-        source: Folder to name in an error.
+        source: Folder to name.
 
-    Raises:
-        InputError: every mask is empty, or every mask covers everything.
+    Returns:
+        The views, those whose mask covers everything without it; notes on views whose mask is missing, empty
+        or not used; and why no mask is of use, or None.
     """
     share = {view.name: float(view.mask.mean()) for view in views if view.mask is not None}
-    absent = [view.name for view in views if view.mask is None]
     empty = [name for name, value in share.items() if value == 0]
     covering = [name for name, value in share.items() if value > TOLERANCE.covering]
     if not share:
-        return [f"the masks in {source} belong to held-out views only: no training view has one"]
+        note = f"the masks in {source} belong to held-out views only: no training view has one"
+        return list(views), [note], None
+    problem = None
     if len(empty) == len(share):
-        raise InputError(f"{source}: every mask is empty; mark the object in white")
-    if len(covering) == len(share):
-        raise InputError(f"{source}: every mask covers its whole image; mark the object only, in white")
+        problem = f"{source}: every mask is empty; mark the object in white"
+    elif all(value == 1 for value in share.values()):
+        problem = f"{source}: every mask covers its whole image; mark the object only, in white"
+    elif _are_inverted(views):
+        mean = np.mean([value for value in share.values() if value > 0])
+        problem = (
+            f"{source}: the masks cover {100 * mean:.0f} % of the images and most of their borders, as if "
+            "inverted; make the object white and all else black"
+        )
+    if problem is not None:
+        return [view.with_mask(None) for view in views], [], problem
     what = (
-        ("no mask", absent),
+        ("no mask", [view.name for view in views if view.mask is None]),
         ("an empty mask", empty),
         ("a mask that covers everything and is not used", covering),
     )
-    return [f"{len(names)} views have {text}: {listed(names)}" for text, names in what if names]
+    notes = [f"{len(names)} views have {text}: {listed(names)}" for text, names in what if names]
+    return [view.with_mask(None) if view.name in covering else view for view in views], notes, None
+
+
+def _are_inverted(views: Sequence[View]) -> bool:
+    """Whether masks mark all but the object: most of the images, and of their borders."""
+    masks = [view.mask for view in views if view.mask is not None and view.mask.any()]
+    rims = [np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean() for mask in masks]
+    covered = float(np.mean([mask.mean() for mask in masks]))
+    return covered > TOLERANCE.most and float(np.mean(rims)) > TOLERANCE.rim

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.scene.calibration import fits
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.decoding import Header, read_header, turned
 from diga3d_warp.scene.names import listed
@@ -27,8 +28,6 @@ class OrientationSettings:
     """When evidence is clear.
 
     Attributes:
-        aspect: Largest deviation of a photograph's aspect ratio from its calibration's, as a fraction:
-            rounding in images_8 of a 400 px image makes 1 %.
         colors: How much smaller the mean colour difference between points and pixels must be one way than the
             other, as a fraction. Of a room upside down, it is 0.7.
         points: How many more points must be triangulated one way, as a fraction.
@@ -36,7 +35,6 @@ class OrientationSettings:
         views: in what part of the views. Of a vase near the middle of its photographs, it is 0.25 and all.
     """
 
-    aspect: float = 0.02
     colors: float = 0.15
     points: float = 0.5
     outlines: float = 0.08
@@ -51,11 +49,6 @@ _INVERSE = {6: 8, 8: 6}
 def inverse(orientation: int) -> int:
     """The orientation that undoes another; all but quarter turns undo themselves."""
     return _INVERSE.get(orientation, orientation)
-
-
-def fits(camera: Camera, width: int, height: int) -> bool:
-    """Whether a photograph of this size has the aspect ratio of a calibration."""
-    return abs(width * camera.height / (height * camera.width) - 1) <= SETTINGS.aspect
 
 
 def is_upright(camera: Camera, header: Header) -> bool | None:
