@@ -198,7 +198,7 @@ CASES = (
             Guard("scene/camera.py",
                 "if min(self.fx, self.fy) < PIXELS_MIN or max(map(abs, numbers)) > PIXELS_MAX:",
                 "if False:", "scene/test_camera.py"),
-            Guard("kernels/launch.py", '+ " -fno-signed-zeros -mreassociate"', '+ " -ffast-math"',
+            Guard("kernels/processor.py", '("-fno-signed-zeros", "-mreassociate")', '("-ffast-math",)',
                 "kernels/test_observation.py::test_it_takes_no_other_surface_mask_angle_or_place"),
         ),
         ("Splatting.coordinate_max", "Splatting.log_scale_max", "Splatting.logit_min",

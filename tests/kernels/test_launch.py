@@ -97,3 +97,23 @@ def test_an_error_in_a_range_reaches_the_caller_and_the_next_launch_works(thread
     monkeypatch.undo()
     launch(index_of, 10_000, [], [indices], device="cpu")
     assert indices.numpy().tolist() == list(range(10_000))
+
+
+def test_a_range_of_a_launch_is_that_range_alone_and_leaves_the_whole_as_it_is():
+    """Pins what `launch` expects of the launches that Warp records."""
+    indices = wp.full(100, -1, dtype=int, device="cpu")
+    whole = wp.launch(index_of, 100, [0], [indices], device="cpu", record_cmd=True)
+    launching._part(whole, 30, 41).launch()
+    assert indices.numpy().tolist() == [-1] * 30 + list(range(30, 41)) + [-1] * 59
+    whole.launch()
+    assert indices.numpy().tolist() == list(range(100))
+
+
+@pytest.mark.parametrize("change", [{"fwd_args": None}, {"params": []}, {"set_param_at_index": print}])
+def test_launches_of_another_form_are_an_error_that_says_what_to_do(change):
+    indices = wp.zeros(100, dtype=int, device="cpu")
+    whole = wp.launch(index_of, 100, [0], [indices], device="cpu", record_cmd=True)
+    for name, value in change.items():
+        setattr(whole, name, value)
+    with pytest.raises(RuntimeError, match=r"in another form than 1\.19.*set_thread_count\(1\)"):
+        launching._part(whole, 30, 41)

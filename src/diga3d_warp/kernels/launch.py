@@ -26,18 +26,10 @@ from typing import Any
 
 import warp as wp
 
-wp.config.log_level = wp.LOG_WARNING
-if wp.config.cpu_compiler_flags is None:
-    _BASE_FLAGS = "-march=native"
-else:
-    _BASE_FLAGS = wp.config.cpu_compiler_flags
+from diga3d_warp.kernels.processor import flags_here
 
-CPU_FLAGS = (
-    _BASE_FLAGS
-    + " -ffp-contract=fast"  # fused multiply-add: Warp's fast_math emits none on CPU
-    + " -mprefer-vector-width=512"  # 16 float lanes where the machine has them
-    + " -fno-signed-zeros -mreassociate"  # lets sums over lanes become vector reductions
-)
+wp.config.log_level = wp.LOG_WARNING
+CPU_FLAGS = flags_here(wp.config.cpu_compiler_flags)
 """One flag string for the whole project: each distinct one costs a precompiled header of 4 to 5 s."""
 
 OPTIONS: dict[str, Any] = {"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS}
@@ -55,6 +47,11 @@ other threads waiting. Even launches get one range per thread."""
 SERIAL_BELOW = 2048
 """Indices under which one range runs on the calling thread: waking a worker costs about 50 us, as much as a
 light kernel needs for this many indices."""
+
+_OTHER_WARP = (
+    f"Warp {wp.config.version} records launches in another form than 1.19, for which diga3d_warp is made: "
+    "install warp-lang 1.19, or run on one thread, set_thread_count(1)"
+)
 
 _timings: list[tuple[str, float]] | None = None
 
@@ -185,12 +182,22 @@ def launch(
 def _part(whole: wp.Launch, start: int, end: int) -> wp.Launch:
     """The same launch over indices from `start` to `end` alone.
 
-    Recording it anew would pack every argument again, 50 to 100 us.
+    Recording it anew would pack every argument again, 50 to 100 us. So this reaches into Warp's recorded
+    launch, whose parameters are its bounds and then the packed arguments.
+
+    Raises:
+        RuntimeError: a recorded launch of the installed Warp is made otherwise.
     """
-    part = copy.copy(whole)
-    part.params, part.fwd_args = list(whole.params), list(whole.fwd_args)
-    part.set_dim(end - start)
-    part.set_param_at_index(0, start)
+    try:
+        part = copy.copy(whole)
+        part.params, part.fwd_args = list(whole.params), list(whole.fwd_args)
+        part.set_dim(end - start)
+        part.set_param_at_index(0, start)
+        as_expected = part.params[0].size == end - start and part.params[1].value == start
+    except (AttributeError, TypeError, IndexError) as error:
+        raise RuntimeError(_OTHER_WARP) from error
+    if not as_expected:
+        raise RuntimeError(_OTHER_WARP)
     return part
 
 
