@@ -100,6 +100,25 @@ def test_runs_and_hidden_folders_are_skipped(tmp_path, corner):
     assert [path.name for path in found.files] == PHOTOGRAPHS and found.notes == []
 
 
+@pytest.mark.parametrize("mark", ["cfg_args", "nerfstudio_models/step.ckpt"])
+def test_results_of_other_programs_are_skipped(tmp_path, corner, mark):
+    corner.write_images(tmp_path, ".jpg")
+    corner.write_images(tmp_path / "output" / "train" / "gt")
+    (tmp_path / "output" / mark).parent.mkdir(exist_ok=True)
+    (tmp_path / "output" / mark).write_text("")
+    assert names(tmp_path) == PHOTOGRAPHS
+
+
+def test_images_that_are_not_read_are_named(tmp_path, corner):
+    corner.write_images(tmp_path, ".jpg")
+    (tmp_path / "view_00.CR3").touch()
+    assert find_photographs(tmp_path).notes == []
+    for number in (7, 8):
+        (tmp_path / f"view_{number:02d}.HEIC").touch()
+    (note,) = find_photographs(tmp_path).notes
+    assert note.startswith(f"{tmp_path}: 2 are HEIC images, which are not read (view_07.HEIC)")
+
+
 def test_originals_of_3dgs(tmp_path, corner):
     corner.write_images(tmp_path / "input", ".jpg")
     assert names(tmp_path) == [f"input/{name}" for name in PHOTOGRAPHS]

@@ -9,7 +9,10 @@ from diga3d_warp.cli.parsing import effects, hold_out, path, positive_int, scale
 
 def add_run_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "scene", type=path, metavar="SCENE", help="folder of a capture, or a splat with its cameras beside it"
+        "scene",
+        type=path,
+        metavar="SCENE",
+        help="folder of a capture, or its file of poses or splat",
     )
     command.add_argument("--out", type=path, required=True, metavar="RUN", help="run folder to create")
     command.add_argument(

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from diga3d_warp.scene.names import IMAGE_SUFFIXES, composed, image_key
+from diga3d_warp.scene.names import IMAGE_SUFFIXES, UNREAD_IMAGES, composed, image_key, listed
 
 # Folders that systems and archives leave beside files; hidden ones are skipped as well.
 _LEFT_BY_SYSTEMS = frozenset({"__MACOSX", "@eaDir", "$RECYCLE.BIN", "System Volume Information"})
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a folder holds a run of this program: its pictures are renderings, not photographs."""
-    return (folder / "manifest.json").is_file() and (
-        (folder / "stages").is_dir() or (folder / "metrics.json").is_file()
-    )
+    """Whether a folder holds a run of this program, 3DGS or nerfstudio: its pictures are renderings."""
+    ours = (folder / "stages").is_dir() or (folder / "metrics.json").is_file()
+    if (folder / "manifest.json").is_file() and ours:
+        return True
+    return (folder / "cfg_args").is_file() or (folder / "nerfstudio_models").is_dir()
 
 
 def entries(folder: Path) -> list[Path]:
@@ -98,3 +99,17 @@ def image_folders(root: Path, base: str = "images") -> dict[int, Path]:
 def has_images(folder: Path) -> bool:
     """Whether any image file lies below a folder."""
     return any(path.suffix.lower() in IMAGE_SUFFIXES for _, files in walk(folder) for path in files)
+
+
+def unread_images(folder: Path) -> list[Path]:
+    """Images below a folder that are of a kind that is not read."""
+    return [path for _, files in walk(folder) for path in files if path.suffix.lower() in UNREAD_IMAGES]
+
+
+def unread_line(images: Sequence[Path]) -> str:
+    """What images that are not read are, and what would mend it."""
+    kinds = sorted({UNREAD_IMAGES[path.suffix.lower()] for path in images})
+    return (
+        f"{len(images)} are {' and '.join(kinds)} images, which are not read "
+        f"({listed([path.name for path in images[:1]])}): convert them to .jpg or .png"
+    )

@@ -15,7 +15,7 @@ import numpy as np
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.decoding import read_header
-from diga3d_warp.scene.folders import image_folders, images_below
+from diga3d_warp.scene.folders import image_folders, images_below, unread_images, unread_line
 from diga3d_warp.scene.names import image_key, likelihood, listed
 
 # Folders of images that are no photographs, as scanning apps, COLMAP, nerfstudio and data sets name them.
@@ -89,6 +89,9 @@ def find_photographs(root: Path) -> PhotoSet:
             f"{folder}: {len(twice)} images have the name of a photograph and another ending, and are not "
             f"taken for photographs: {listed([path.name for path in twice])}"
         )
+    photographed = {image_key(path.name) for path in files}
+    if unread := [path for path in unread_images(folder) if image_key(path.name) not in photographed]:
+        notes.append(f"{folder}: {unread_line(unread)}")
     if len(kept) == 1 and len(folders) == 1:
         folders = {1: folder / kept[0]}
     return PhotoSet(folders, files, notes)

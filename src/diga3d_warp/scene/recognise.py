@@ -14,13 +14,20 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.files import read_json
 from diga3d_warp.scene.colmap import choose_reconstruction
 from diga3d_warp.scene.colmap_files import find_file, is_model
-from diga3d_warp.scene.folders import entries, entry, has_images, image_folders, walk
+from diga3d_warp.scene.folders import (
+    entries,
+    entry,
+    has_images,
+    image_folders,
+    unread_images,
+    unread_line,
+    walk,
+)
 from diga3d_warp.scene.formats.recognise import splat_format
 from diga3d_warp.scene.names import IMAGE_SUFFIXES, UNREAD_IMAGES, listed
 from diga3d_warp.scene.nerfstudio import find_transforms
 from diga3d_warp.scene.polycam import find_polycam
 from diga3d_warp.scene.pose_files import DEPTH, PoseFile, pose_files
-from diga3d_warp.scene.sources import unread_images, unread_line
 from diga3d_warp.scene.splat import find_cameras_root, find_splat, has_poses
 
 EXPECTED = (

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from diga3d_warp.scene.folders import images_below, walk
+from diga3d_warp.scene.folders import images_below, unread_images, unread_line
 from diga3d_warp.scene.images import choose_folder
-from diga3d_warp.scene.names import UNREAD_IMAGES, find_images, image_key, is_utf8, listed
+from diga3d_warp.scene.names import find_images, image_key, is_utf8, listed
 from diga3d_warp.scene.photo_set import COPIES, likeness
 
 # Pairs of images that are compared, spread over a folder, before two folders are matched by their order.
@@ -136,20 +136,6 @@ def _missing_note(folder: Path, missing: Sequence[str]) -> str:
     elif not any(map(is_utf8, missing)):
         note += "; their names in the calibration are not UTF-8: rename the images and rerun COLMAP"
     return note
-
-
-def unread_images(folder: Path) -> list[Path]:
-    """Images below a folder that are of a kind that is not read."""
-    return [path for _, files in walk(folder) for path in files if path.suffix.lower() in UNREAD_IMAGES]
-
-
-def unread_line(images: Sequence[Path]) -> str:
-    """What images that are not read are, and what would mend it."""
-    kinds = sorted({UNREAD_IMAGES[path.suffix.lower()] for path in images})
-    return (
-        f"{len(images)} are {' and '.join(kinds)} images, which are not read "
-        f"({listed([path.name for path in images[:1]])}): convert them to .jpg or .png"
-    )
 
 
 def _unposed_note(folder: Path, found: Mapping[str, Source]) -> list[str]:
