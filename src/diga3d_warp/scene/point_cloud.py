@@ -33,7 +33,8 @@ def read_points(path: Path) -> tuple[Points, list[str]]:
     fields = set(vertices.dtype.names or ())
     if not {"x", "y", "z"} <= fields:
         raise InputError(f"{path}: the vertices have no x, y, z; export it again")
-    positions = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # what is not finite is looked for below
+        positions = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float64)
     notes = []
     names = next((names for names in _COLOR_NAMES if fields.issuperset(names)), None)
     if names is None:
@@ -52,7 +53,8 @@ def eight_bit(values: np.ndarray) -> tuple[np.ndarray, str | None]:
     """Colours as uint8, and what was guessed of their range; None where there was nothing to guess."""
     if values.dtype == np.uint8:
         return values, None
-    shades = np.nan_to_num(values.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    with np.errstate(invalid="ignore"):
+        shades = np.nan_to_num(values.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
     largest = float(shades.max(initial=0.0))
     if values.dtype.kind == "f" and largest <= 1.0:
         scale, said = 255.0, "colours from 0 to 1"

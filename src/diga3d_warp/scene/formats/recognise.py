@@ -13,7 +13,8 @@ SPLAT_ENDINGS = frozenset({".ply", ".sog", ".spz", ".ksplat", ".splat"})
 """Endings of splat files, lower case. A .ply may be a point cloud or a mesh, too."""
 
 _GAUSSIAN_PROPERTIES = frozenset({"x", "y", "z", "f_dc_0", "opacity", "scale_0", "rot_0"})
-_PACKED_PROPERTIES = frozenset({"packed_position", "packed_rotation", "packed_scale", "packed_color"})
+PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
+"""Properties of the vertices of a compressed .ply."""
 
 
 def splat_format(path: Path) -> str | None:
@@ -31,7 +32,7 @@ def splat_format(path: Path) -> str | None:
     if ending != ".ply":
         return ending.removeprefix(".")
     vertex = read_header(path).element("vertex") or Element("vertex", 0, ())
-    if vertex.names >= _PACKED_PROPERTIES:
+    if vertex.names.issuperset(PACKED):
         return "compressed-ply"
     return "ply" if vertex.names >= _GAUSSIAN_PROPERTIES else None
 

@@ -62,33 +62,44 @@ def write_ply(
     Raises:
         InputError: the file cannot be written.
     """
+    header, table = ply_contents(rows, REST, positions=positions, antialiased=antialiased)
+    with whole_file(path) as partial, partial.open("wb") as file:
+        file.write(header)
+        table.tofile(file)
+
+
+def ply_contents(
+    rows: SplatRows,
+    rest_count: int,
+    *,
+    positions: Literal["float", "double"] = "float",
+    antialiased: bool = False,
+) -> tuple[bytes, np.ndarray]:
+    """Header and rows of a 3DGS .ply with so many coefficients above degree 0; else as `write_ply`."""
     count = len(rows)
-    rest = np.zeros((count, REST, 3), np.float32)
+    rest = np.zeros((count, rest_count, 3), np.float32)
     rest[:, : rows.sh.shape[1] - 1] = rows.sh[:, 1:]
     blocks = {
         "x y z": rows.means,
         "nx ny nz": np.zeros((count, 3), np.float32),
         "f_dc_0 f_dc_1 f_dc_2": rows.sh[:, 0],
-        " ".join(f"f_rest_{k}" for k in range(3 * REST)): rest.transpose(0, 2, 1).reshape(count, 3 * REST),
+        " ".join(f"f_rest_{k}" for k in range(3 * rest_count)): rest.transpose(0, 2, 1),
         "opacity": rows.opacity_logits[:, None],
         "scale_0 scale_1 scale_2": rows.log_scales,
         "rot_0 rot_1 rot_2 rot_3": rows.quaternions,
     }
     kinds = {names: positions if names == "x y z" else "float" for names in blocks}
-    layout = [
-        (names, {"float": "<f4", "double": "<f8"}[kinds[names]], block.shape[1])
-        for names, block in blocks.items()
-    ]
+    types = {"float": "<f4", "double": "<f8"}
+    blocks = {names: block.reshape(count, len(names.split())) for names, block in blocks.items() if names}
+    layout = [(names, types[kinds[names]], (block.shape[1],)) for names, block in blocks.items()]
     table = np.empty(count, layout)
     for names, block in blocks.items():
-        table[names] = block.reshape(table[names].shape)
+        table[names] = block
     header = ["ply", "format binary_little_endian 1.0"]
     header += [f"comment {ANTIALIASED}"] if antialiased else []
     header.append(f"element vertex {count}")
     header += [f"property {kind} {name}" for names, kind in kinds.items() for name in names.split()]
-    with whole_file(path) as partial, partial.open("wb") as file:
-        file.write("\n".join([*header, "end_header", ""]).encode("ascii"))
-        table.tofile(file)
+    return "\n".join([*header, "end_header", ""]).encode("ascii"), table
 
 
 def read_standard_ply(path: Path, header: Header) -> SplatContent:
@@ -115,8 +126,7 @@ def read_standard_ply(path: Path, header: Header) -> SplatContent:
         raise InputError(f"{path}: holds no gaussians, property {missing[0]} is missing")
 
     def block(*columns: str, kind: type = np.float32) -> np.ndarray:
-        with np.errstate(over="ignore"):
-            return np.stack([vertices[name] for name in columns], axis=1).astype(kind)
+        return np.stack([vertices[name] for name in columns], axis=1).astype(kind)
 
     notes = []
     per_channel = REST_COUNTS[rest_count]

@@ -65,9 +65,8 @@ def usable_rows(rows: SplatRows, name: str) -> tuple[SplatRows, list[str]]:
 
     mended = replace(rows, log_scales=log_scales, quaternions=quaternions, opacity_logits=logits)
     invisible = np.isneginf(rows.opacity_logits)
-    with np.errstate(invalid="ignore"):
-        finite = (np.abs(rows.means) < SPLATTING.coordinate_max).all(axis=1)
-        finite &= (log_scales <= SPLATTING.log_scale_max).all(axis=1)
+    finite = (np.abs(rows.means) < SPLATTING.coordinate_max).all(axis=1)
+    finite &= (log_scales <= SPLATTING.log_scale_max).all(axis=1)
     finite &= np.isfinite(logits) | invisible
     for values in (quaternions, rows.sh.reshape(len(rows), -1)):
         finite &= np.isfinite(values).all(axis=1)

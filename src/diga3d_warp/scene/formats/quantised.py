@@ -1,0 +1,26 @@
+"""Parameters from the bytes of compact formats."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from diga3d_warp.scene.formats.rows import DC_TO_COLOR
+
+END_STEPS = 0.25
+"""How far an opacity of 0 or 255 is taken from the end of the range [steps]: its logit would be infinite."""
+
+
+def logits(opacities: np.ndarray) -> np.ndarray:
+    """Logits of opacities stored as 0 to 255, float32."""
+    share = opacities.astype(np.float64).clip(END_STEPS, 255 - END_STEPS) / 255
+    return np.log(share / (1 - share)).astype(np.float32)
+
+
+def constant_harmonics(colors: np.ndarray) -> np.ndarray:
+    """Constant harmonics of colours, where 0 is black and 1 white, float32."""
+    return ((colors - 0.5) / DC_TO_COLOR).astype(np.float32)
+
+
+def log_scales(scales: np.ndarray) -> np.ndarray:
+    """Logarithms of standard deviations, -infinity for zero, float32."""
+    return np.log(scales.astype(np.float64)).astype(np.float32)
