@@ -11,7 +11,10 @@ from diga3d_warp.cli import edits
 from diga3d_warp.config import ACCURACIES
 from diga3d_warp.errors import InputError
 
-COMMANDS = ["fit", "remove", "retexture", "replace", "render", "eval", "doctor", "synthetic", "demo", "bench"]
+COMMANDS = [
+    *("fit", "remove", "retexture", "replace", "render", "eval", "export"),
+    *("doctor", "synthetic", "demo", "bench"),
+]
 HEAVY = ["torch", "warp", "cv2", "numpy", "scipy", "pycolmap", "kornia", "trimesh"]
 
 

@@ -5,13 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from expectations import Reads, Refuses, case
 from field_room import FieldRoom
 from plyfile import PlyData, PlyElement
+from scipy.spatial import cKDTree
 
 from diga3d_warp.gaussians.initialise import initialise
 from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
+from diga3d_warp.scene.colmap import write_colmap
 from diga3d_warp.scene.formats.standard_ply import write_ply
+from diga3d_warp.scene.formats.write import ENDINGS, write_splat
 from diga3d_warp.scene.scene import Scene
 
 SPLAT = "point_cloud.ply"
@@ -175,3 +179,80 @@ def splat_with_far_cameras_file(room: FieldRoom, folder: Path) -> Path:
     path = folder / "point_cloud" / "iteration_30000" / SPLAT
     write_ply(path, initialise(room.points).rows(), positions="double")
     return path
+
+
+def as_format(room: FieldRoom, folder: Path, form: str) -> Path:
+    """The room's splat in another format; the folder has no .ply."""
+    pytest.importorskip("gsply")
+    pytest.importorskip("gaussforge")
+    room.splat(folder)
+    path = folder / f"point_cloud{ENDINGS[form]}"
+    write_splat(path, initialise(room.points).rows(), form)
+    if path.name != SPLAT:
+        (folder / SPLAT).unlink()
+    return folder
+
+
+def near_points(scene: Scene, room: FieldRoom) -> None:
+    """The points are those of the room, as near as the format stores them."""
+    distances, nearest = cKDTree(scene.points.positions).query(room.points.positions)
+    assert len(scene.points) == len(room.points) and distances.max() < 0.01, distances.max()
+    difference = np.abs(scene.points.colors[nearest].astype(int) - room.points.colors)
+    assert np.median(difference) <= 4
+
+
+@case(Reads(points=False, also=near_points))
+def splat_as_compressed_ply(room: FieldRoom, folder: Path) -> Path:
+    return as_format(room, folder, "compressed-ply")
+
+
+@case(Reads(points=False, also=near_points))
+def splat_as_compressed_ply_beside_colmap(room: FieldRoom, folder: Path) -> Path:
+    as_format(room, folder, "compressed-ply")
+    (folder / "cameras.json").unlink()
+    write_colmap(folder, room.cameras, room.points, suffix=".jpg")
+    return folder
+
+
+@case(Reads(points=False, also=near_points))
+def splat_as_spz(room: FieldRoom, folder: Path) -> Path:
+    return as_format(room, folder, "spz")
+
+
+@case(Reads(points=False, also=near_points))
+def splat_as_sog(room: FieldRoom, folder: Path) -> Path:
+    return as_format(room, folder, "sog")
+
+
+@case(Reads(points=False, also=near_points))
+def splat_as_splat(room: FieldRoom, folder: Path) -> Path:
+    return as_format(room, folder, "splat") / "point_cloud.splat"
+
+
+@case(Reads(notes=("point_cloud.ply is read, not point_cloud.splat",)))
+def splat_in_two_formats(room: FieldRoom, folder: Path) -> Path:
+    as_format(room, folder, "splat")
+    initialise(room.points).save_ply(folder / SPLAT)
+    return folder
+
+
+@case(Refuses(("several splats (a.ply, b.splat)", "give the path of one")))
+def two_splats(room: FieldRoom, folder: Path) -> Path:
+    as_format(room, folder, "splat")
+    (folder / "point_cloud.splat").rename(folder / "b.splat")
+    initialise(room.points).save_ply(folder / "a.ply")
+    return folder
+
+
+@case(Refuses(("point_cloud.spz", "cut short or damaged")))
+def splat_as_half_an_spz(room: FieldRoom, folder: Path) -> Path:
+    path = as_format(room, folder, "spz") / "point_cloud.spz"
+    path.write_bytes(path.read_bytes()[:3000])
+    return folder
+
+
+@case(Refuses(("point_cloud.spz", "no cameras file")))
+def splat_without_cameras(room: FieldRoom, folder: Path) -> Path:
+    as_format(room, folder, "spz")
+    (folder / "cameras.json").unlink()
+    return folder

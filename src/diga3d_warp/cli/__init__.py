@@ -33,6 +33,7 @@ examples:
   diga3d replace captures/can --prompt "a wooden cube" --out run/can
   diga3d render run/statue --out statue.webm         a video along the cameras
   diga3d eval run/statue                             PSNR and SSIM on held-out views
+  diga3d export run/statue --format spz              the splat for other programs
   diga3d bench kernels                               measure the kernels on this machine
   diga3d doctor                                      check this machine
 

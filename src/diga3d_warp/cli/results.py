@@ -1,4 +1,4 @@
-"""Commands that look at a finished run: render and eval."""
+"""Commands that look at a finished run: render, eval and export."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from diga3d_warp.cli.parsing import Commands, path, positive_int, scale, size
 
 
 def add_results(commands: Commands) -> None:
-    """render and eval."""
+    """render, eval and export."""
     render = commands.add(
         "render", _render, "render a run along a path", "diga3d render run/statue --out statue.webm"
     )
@@ -46,6 +46,31 @@ def add_results(commands: Commands) -> None:
         "--image-scale", type=scale, metavar="S", help="size of the images (default that of the run)"
     )
 
+    export = commands.add(
+        "export",
+        _export,
+        "write a splat in the format of other programs",
+        "diga3d export run/statue --format spz",
+        "Write the result of a run, or a splat file, in the format of other programs. Formats other than ply "
+        "need: pip install 'diga3d-warp[formats]'.",
+    )
+    export.add_argument(
+        "source", type=Path, metavar="RUN|FILE", help="folder of a finished run, or a splat file"
+    )
+    export.add_argument(
+        "--format",
+        dest="form",
+        choices=["ply", "compressed-ply", "spz", "splat", "sog"],
+        required=True,
+        help="compressed-ply is PlayCanvas' and SuperSplat's",
+    )
+    export.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="file to write (default beside the splat)",
+    )
+
 
 def _render(
     folder: Path, out: Path | None, path: str, frames: int, size: tuple[int, int] | None, accuracy: str
@@ -64,4 +89,15 @@ def _evaluate(folder: Path, protocol: str, image_scale: float | None) -> int:
     for table in evaluate(folder, protocol, image_scale=image_scale):
         print(table.text())
     print(write_report(folder))
+    return 0
+
+
+def _export(source: Path, form: str, out: Path | None) -> int:
+    from diga3d_warp.pipelines.export import export_splat
+    from diga3d_warp.pipelines.run import say
+
+    exported = export_splat(source, form, out)
+    for note in exported.notes:
+        say(f"note: {note}")
+    print(exported.path)
     return 0

@@ -34,7 +34,7 @@ from diga3d_warp.scene.recognise import Recognised, no_photographs, recognise
 from diga3d_warp.scene.scene import Points, Reading, Scene, View
 from diga3d_warp.scene.sfm import map_images, shrink, triangulate
 from diga3d_warp.scene.sources import Source, find_sources
-from diga3d_warp.scene.splat import read_splat_cameras
+from diga3d_warp.scene.splat import other_formats, read_splat_cameras
 
 T = TypeVar("T")
 
@@ -175,6 +175,8 @@ def _read(found: Recognised, progress: bool) -> Capture:
         capture = read_llff(root, poses[0])
     if found.splat is not None:
         points, notes = read_splat_points(found.splat)
+        if others := other_formats(found.splat):
+            notes.append(f"{found.splat.name} is read, not {', '.join(path.name for path in others)}")
         capture = replace(capture, kind="splat", points=points, notes=[*capture.notes, *notes])
     return capture
 

@@ -36,7 +36,7 @@ def find_splat(root: Path) -> Path | None:
         InputError: there are several, and nothing says which one is meant.
     """
     splats = find_splats(root)
-    if len({path.stem.removesuffix(".compressed") for path in splats}) > 1:
+    if len({stem(path) for path in splats}) > 1:
         raise InputError(
             f"{root}: several splats ({', '.join(p.name for p in splats)}); give the path of one"
         )
@@ -48,6 +48,16 @@ def find_splat(root: Path) -> Path | None:
         if number.isdecimal():
             iterations[int(number)] = path
     return iterations[max(iterations)] if iterations else None
+
+
+def stem(splat: Path) -> str:
+    """Name of a splat file without the endings of its format."""
+    return splat.stem.removesuffix(".compressed")
+
+
+def other_formats(splat: Path) -> list[Path]:
+    """Files beside a splat that are called as it is, in other formats."""
+    return [path for path in find_splats(splat.parent) if path != splat and stem(path) == stem(splat)]
 
 
 def has_poses(folder: Path) -> bool:
