@@ -1,11 +1,13 @@
 """Implausible calibrations are noted: another unit, another origin; plausible ones are not."""
 
+import numpy as np
 import pytest
 import torch
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.calibration import calibration_notes, check_sizes, field_of_view, fits
+from diga3d_warp.scene.calibration import calibration_notes, check_sizes, field_of_view, fits, unreached_share
 from diga3d_warp.scene.camera import Camera, Distortion
+from diga3d_warp.splatting.optics import optics_of
 
 
 def camera(
@@ -23,6 +25,18 @@ def camera(
         (camera(4.2), "a focal length of 4.2 px gives 160 x 120 px a field of view of 174 degrees"),
         (camera(1e5), "field of view of 0.0917 degrees"),
         (camera(0.8, lens=Distortion("fisheye", (0.0,) * 4)), "focal lengths are in pixels"),
+        (
+            camera(lens=Distortion("brown", (-0.9, 0.0, 0.0, 0.0))),
+            "of the image, and the rest shows nothing: check its coefficients",
+        ),
+        (
+            camera(60.0, lens=Distortion("brown5", (0.0, 0.0, 0.0, 0.0, -1.0))),
+            "the lens model reaches no more than",
+        ),
+        (
+            camera(40.0, lens=Distortion("fisheye", (0.0,) * 4)),
+            "the lens model reaches no more than 64% of the image",
+        ),
         (camera(fy=96.0), "focal lengths of 128 and 96 px mean pixels that are not square"),
     ],
 )
@@ -35,8 +49,24 @@ def test_odd_cameras_are_noted_once(odd, said):
 def test_plausible_cameras_are_not_noted():
     fisheye = Distortion("fisheye", (0.0,) * 4)
     plausible = [camera(), camera(35.0), camera(9000.0), camera(cx=70.0, cy=75.0), camera(fy=126.0)]
-    plausible += [camera(40.0, lens=fisheye), camera(35.0, lens=Distortion("brown", (-0.2, 0.1, 0.0, 0.0)))]
+    plausible += [camera(64.0, lens=fisheye), camera(105.0, lens=Distortion("brown", (-0.2, 0.1, 0.0, 0.0)))]
     assert calibration_notes({str(number): each for number, each in enumerate(plausible)}) == []
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [
+        Distortion("brown", (-0.9, 0.0, 0.0, 0.0)),
+        Distortion("brown5", (0.3, -0.2, 0.0, 0.0, -0.9)),
+        Distortion("fisheye", (-0.9, 0.0, 0.0, 0.0)),
+        Distortion("fisheye", (0.0,) * 4),
+    ],
+)
+def test_the_share_that_a_lens_does_not_reach_is_that_of_pixels_without_a_ray(lens):
+    bent = camera(48.0, lens=lens)
+    rays = optics_of(bent).rays
+    assert 0.02 < unreached_share(bent) < 0.98
+    assert unreached_share(bent) == pytest.approx(1.0 - np.isfinite(rays).all(axis=1).mean(), abs=0.01)
 
 
 def test_field_of_view():

@@ -9,6 +9,8 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.camera import Camera
 
@@ -25,6 +27,8 @@ class PlausibleCalibration:
         widest_fisheye: Field of view of the longer side with one [degrees]: lenses reach 280.
         stretch: Focal lengths along the two axes may differ by this share [ratio]. Pixels of digital cameras
             are square; those of anamorphic film are not, by up to 2.
+        unreached: Share of the image that the lens model may not reach [ratio]. A calibrated lens reaches all
+            of it, but for the corners of a circular fisheye; one of the wrong sign folds over.
     """
 
     off_middle: float = 0.25
@@ -32,6 +36,7 @@ class PlausibleCalibration:
     narrowest: float = 0.5
     widest_fisheye: float = 300.0
     stretch: float = 0.05
+    unreached: float = 0.005
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,8 @@ class SizeLimits:
 
 PLAUSIBLE = PlausibleCalibration()
 SIZES = SizeLimits()
+
+_SAMPLES = 64  # along each side of an image
 
 
 def fits(camera: Camera, width: int, height: int) -> bool:
@@ -122,7 +129,42 @@ def _stretched(camera: Camera) -> str | None:
     return f"focal lengths of {camera.fx:g} and {camera.fy:g} px mean pixels that are not square"
 
 
-_CHECKS: tuple[Callable[[Camera], str | None], ...] = (_off_middle, _odd_view, _stretched)
+def _folded(camera: Camera) -> str | None:
+    share = unreached_share(camera)
+    if share <= PLAUSIBLE.unreached or _odd_view(camera) is not None:
+        return None
+    return (
+        f"the lens model reaches no more than {1.0 - share:.0%} of the image, and the rest shows nothing: "
+        "check its coefficients"
+    )
+
+
+def unreached_share(camera: Camera) -> float:
+    """Share of the image that lies beyond the fold of the lens, or 90 degrees off the axis of a fisheye.
+
+    Tangential distortion is left out.
+    """
+    from diga3d_warp.kernels.cameras import valid_radius
+
+    lens = camera.distortion
+    if lens is None:
+        return 0.0
+    radius = valid_radius(lens.kind, lens.coefficients)
+    if lens.kind == "fisheye":
+        radius, radial = math.atan(radius), lens.coefficients
+    else:
+        k1, k2, _, _, k3 = (*lens.coefficients, 0.0)[:5]
+        radial = (k1, k2, k3)
+    if not math.isfinite(radius):
+        return 0.0
+    farthest = radius * (1.0 + sum(k * radius ** (2 * power) for power, k in enumerate(radial, start=1)))
+    samples = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    x = (samples * camera.width - camera.cx) / camera.fx
+    y = (samples * camera.height - camera.cy) / camera.fy
+    return float((np.hypot(x, y[:, None]) > farthest).mean())
+
+
+_CHECKS: tuple[Callable[[Camera], str | None], ...] = (_off_middle, _odd_view, _stretched, _folded)
 
 
 def calibration_notes(cameras: Mapping[str, Camera]) -> list[str]:
