@@ -58,8 +58,8 @@ def test_settled_references_stay_as_they_are(images, masks):
     """They leave what they show at each timestep, as noisy as the other views are then."""
     prior = GaussianPrior(attention=0.3)
     free, kept = (
-        list(inpaint_views(prior, images, masks, PLAIN, SETTINGS, references=[0], settled=settled))
-        for settled in (False, True)
+        list(inpaint_views(prior, images, masks, PLAIN, SETTINGS, references=[0], inpainted=inpainted))
+        for inpainted in (False, True)
     )
     torch.testing.assert_close(kept[0], images[0])
     assert (free[0] - images[0]).abs().max() > 0.05
@@ -70,8 +70,8 @@ def test_settled_references_stay_as_they_are(images, masks):
 def test_sampling_starts_from_what_is_begun(images, masks):
     """And the known part is still that of the images."""
     weak = SamplingSettings(steps=10, strength=0.2)
-    begun = [torch.full_like(image, 0.9) for image in images]
-    found = list(inpaint_views(GaussianPrior(), images, masks, PLAIN, weak, begun=begun))
+    init_images = [torch.full_like(image, 0.9) for image in images]
+    found = list(inpaint_views(GaussianPrior(), images, masks, PLAIN, weak, init_images=init_images))
     for image, mask, result in zip(images, masks, found, strict=True):
         assert torch.equal(result[~mask], image[~mask])
         assert float((result[mask] - 0.9).abs().mean()) < 0.15 < float((image[mask] - 0.9).abs().mean())

@@ -1,4 +1,4 @@
-"""What a noise estimate is given beside the latents: prompts, the known part of the image, controls."""
+"""Conditions of a noise estimate: prompts, the known part of the image, controls."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ GUIDANCE = 7.5
 
 @dataclass(frozen=True)
 class Prompts:
-    """What the positive and the negative prompt (Tp and Tn in the paper) mean to one prior.
+    """The positive and the negative prompt (Tp and Tn in the paper) in the form of one prior.
 
     Attributes:
-        positive: What to go towards, in the prior's own form: text embeddings, or a set of patches.
-        negative: What to go away from, in the same form; without a negative prompt, the empty prompt.
+        positive: Text embeddings, or a set of patches.
+        negative: The same of the negative prompt; of the empty prompt, if there is none.
     """
 
     positive: Any
@@ -27,13 +27,14 @@ class Prompts:
 
 @dataclass(frozen=True)
 class Guidance:
-    """What an image shall show, and how strongly.
+    """Prompts, and how strongly they guide the sampling (classifier-free guidance).
 
     Attributes:
         prompts: Tp and Tn, from `DiffusionPrior.encode_prompts`.
-        scale: Guidance scale [1]; at 1 the negative prompt does nothing and costs nothing.
-        image_embeds: The image that the result should look like, from `DiffusionPrior.embed_images`. Only the
-            positive half sees it, so that guidance also pulls towards it.
+        scale: Guidance scale [1]; at 1 the negative prompt has no effect and is not evaluated.
+        image_embeds: Embedding of an image that the result should look like, from
+            `DiffusionPrior.embed_images`. Given to the positive half only, so that guidance also pulls
+            towards it.
     """
 
     prompts: Prompts
@@ -43,23 +44,23 @@ class Guidance:
 
 @dataclass(frozen=True)
 class Conditioning:
-    """What a prior is told about the known part of B images.
+    """The known part of B images, as a prior is conditioned on it.
 
     Attributes:
         latent: The clean images as latents, shape (B, C, h, w).
-        mask: 1 where to invent, shape (B, 1, h, w).
-        channels: What else the model is given for each cell, shape (B, C', h, w), or None. For a 9-channel
-            inpainting UNet mask and masked latents; what another prior puts here is its own affair.
-        prepared: What the prior has worked out of each image once, for all timesteps, B entries on its
-            device; None if it works out nothing.
-        settled: Whether `latent` shows what was to be invented already, as of a reference that is filled.
+        mask: 1 where to inpaint, shape (B, 1, h, w).
+        channels: Further input channels of the model, shape (B, C', h, w), or None: mask and masked latents
+            of a 9-channel inpainting UNet.
+        prepared: What the prior computes of each image once for all timesteps, B entries on its device; None
+            if nothing.
+        inpainted: Whether `latent` already shows the inpainted image, as that of a finished reference does.
     """
 
     latent: torch.Tensor
     mask: torch.Tensor
     channels: torch.Tensor | None = None
     prepared: tuple[Any, ...] | None = None
-    settled: bool = False
+    inpainted: bool = False
 
     def rows(self, rows: Sequence[int], device: torch.device) -> Conditioning:
         """The conditioning of some of the images, on a device."""
@@ -78,7 +79,7 @@ DEPTH_SCALE = 1.0
 
 @dataclass(frozen=True)
 class Control:
-    """An image that the generated one has to follow (ControlNet).
+    """A control image (ControlNet).
 
     Attributes:
         kind: Edges (0 or 1), or inverse depth in [0, 1] with near bright, as ControlNet was trained.

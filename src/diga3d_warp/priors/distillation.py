@@ -22,7 +22,7 @@ from diga3d_warp.priors.windows import WHOLE
 
 @dataclass(frozen=True)
 class DistillationSettings:
-    """How strong score distillation is, and which timesteps it draws.
+    """Weight and timesteps of score distillation.
 
     Attributes:
         weight: lambda of TG-SDS beside a photometric loss of weight 1 [1]. The paper does not state it;
@@ -48,13 +48,13 @@ class TextureGeometryGuide:
     """TG-SDS for one view, as a fit takes it (`gaussians.fit.Target.guide`).
 
     Attributes:
-        prior: What estimates noise.
+        prior: The diffusion prior.
         mask: True where the edit is, shape (H, W), bool.
         guidance: Prompts and their weight.
         controls: Texture and depth map of the window, one row each, at the prior's native size
             (`propagation.conditions`).
-        known: The photograph, shape (H, W, 3), which the prior is told outside the mask; the rendering if
-            None. A prior may take from within the mask what to go away from.
+        known: The photograph, shape (H, W, 3), which conditions the prior outside the mask; the rendering if
+            None. Within the mask it still shows the object, which a prior may steer away from.
         settings: Strength and timesteps.
         window: Rows and columns of the view that the prior is shown; all of them as a rule. They hold the
             mask.
@@ -131,8 +131,8 @@ def distillation_loss(
     unmasked pixels, because each latent cell is encoded from a wide neighbourhood.
 
     Args:
-        prior: What estimates noise. One that is mask-aware is told mask and unmasked pixels (the paper's m_i
-            as an input); for another the mask gates the gradient only.
+        prior: The diffusion prior. A mask-aware one is conditioned on mask and unmasked pixels (the paper's
+            m_i as an input); for another the mask gates the gradient only.
         images: Rendered, RGB in [0, 1], shape (B, H, W, 3). Carries gradient, exactly zero outside `masks`.
         masks: True where the edit is, shape (B, H, W), bool.
         guidance: Prompts and their weight.
@@ -140,7 +140,7 @@ def distillation_loss(
             prior's native size for these images.
         t: Timestep, from `distillation_timestep`.
         generator: Of the added noise, on the host.
-        known: What the prior is told of the unmasked pixels, shape (B, H, W, 3); the images if None.
+        known: Images whose unmasked pixels condition the prior, shape (B, H, W, 3); `images` if None.
 
     Raises:
         InputError: shapes do not fit.
@@ -162,8 +162,8 @@ def distillation_loss(
     pixels = resize_images(gated, size)
     z = prior.encode_image(pixels)
     with torch.no_grad():
-        told = pixels if known is None else resize_images(known.to(images), size)
-        cond = prior.conditioning(told, resize_masks(masks, size))
+        given = pixels if known is None else resize_images(known.to(images), size)
+        cond = prior.conditioning(given, resize_masks(masks, size))
         noise = torch.randn(z.shape, generator=generator).to(z)
         noisy = prior.schedule.add_noise(z, noise, t)
         estimate = guided_noise(prior, noisy, t, guidance, cond, controls)

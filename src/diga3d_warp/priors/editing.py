@@ -1,9 +1,8 @@
-"""Views whose masked part becomes what a prompt says (coarse stage, paper Sec. 3.3).
+"""Edit the masked part of many views by a prompt (coarse stage, paper Sec. 3.3).
 
-Sampling starts from the DDIM inversion of the views as they are, so that what is not asked for stays: pose,
-shape, light. The references are edited one after another, each attending to those before it; then all other
-views attend to the references. An edited reference leaves, at each timestep, the keys and values of its edit,
-and stays as it is.
+Sampling starts from the DDIM inversion of the views, so that pose, shape and light are kept. The references
+are edited one after another, each attending to the earlier ones; then all other views attend to the
+references. An edited reference is not sampled again: at each timestep it only provides its keys and values.
 """
 
 from __future__ import annotations
@@ -35,18 +34,18 @@ def edit_views(
 ) -> list[torch.Tensor]:
     """Edit the masked part of N views, within windows around it.
 
-    There is no seed: inversion gives each view its noise.
+    There is no seed: the noise of each view comes from its inversion.
 
     Args:
-        prior: What invents.
+        prior: The diffusion prior.
         images: The views as they are, RGB in [0, 1], shape (H, W, 3) each.
         masks: True where to edit, shape (H, W), bool, one for each image. A view without a mask stays.
-        guidance: What the masked part shall show.
-        settings: How to sample.
+        guidance: Prompts for the masked part, and guidance scale.
+        settings: Steps, strength, batch size and weight of propagation.
         references: Indices of the views that all others attend to, in their order; each has a mask.
-        controls: Edges and depth to follow, for all views.
-        say: Told time and memory before each turn.
-        progress: Called after each timestep with how many are done and how many there are, over all turns.
+        controls: Edges and depth that condition the sampling, for all views.
+        say: Called with a line on time and memory before each reference, and before the other views.
+        progress: Called after each timestep with the number of finished timesteps and their total.
 
     Returns:
         The views in their order, shape (H, W, 3), float32 in [0, 1]; unmasked pixels are exactly those given.
@@ -64,7 +63,7 @@ def edit_views(
     first = [windows.views.index(index) for index in references]
     others = [k for k in range(len(parts)) if k not in first]
     turns = [[k] for k in first] + ([others] if others else [])
-    # What removal goes away from, with nothing said about it: an image in which some object stands.
+    # The negative half of a removal without words: an image that shows some object.
     source = prior.encode_prompts("", "", "remove").negative
     steps = len(prior.schedule.timesteps(settings.steps, settings.strength))
 
@@ -78,7 +77,7 @@ def edit_views(
             guidance,
             settings,
             references=range(len(before)),
-            settled=True,
+            inpainted=True,
             controls=[replace(c, shown=[c.shown[k] for k in rows]) for c in followed],
             source=source,
             say=say,

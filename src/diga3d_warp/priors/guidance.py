@@ -28,7 +28,7 @@ def guided_noise(
     Ho and Salimans 2022, "Classifier-free diffusion guidance", with the negative prompt in place of none.
 
     Args:
-        prior: What estimates.
+        prior: The diffusion prior.
         z: Noisy latents, shape (B, C, h, w).
         t: Timestep.
         guidance: Prompts and scale.

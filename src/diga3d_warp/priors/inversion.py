@@ -30,13 +30,13 @@ def invert(
     estimate for the latents that it led to, and costs as much again.
 
     Args:
-        prior: What estimates noise.
+        prior: The diffusion prior.
         z: Clean latents, shape (B, C, h, w).
-        text: `Prompts.positive` or `Prompts.negative`: what the image shows, not what it shall become.
+        text: `Prompts.positive` or `Prompts.negative`: what the image shows, not what it is edited to.
         cond: Known part, B rows.
-        controls: Images that sampling will follow, B rows each.
+        controls: Control images, B rows each; as in the sampling that will return.
         steps: Of the sampling that will return; the same number leads back.
-        strength: Share of the way to pure noise [1]; as in the sampling that will return.
+        strength: Part of the schedule up to pure noise [1]; as in the sampling that will return.
         fixed_point: Whether to iterate once.
 
     Returns:

@@ -26,13 +26,13 @@ def load_prior(
     controls: Sequence[ControlKind] = (),
     device: str = "auto",
 ) -> Prior:
-    """A prior with its prompts.
+    """Load a prior with its prompts.
 
     Args:
         name: "exemplar", "classical", "sd-inpainting", "powerpaint", or a folder in diffusers format.
         task, positive, negative: What the prompts are for, Tp and Tn. "classical" reads none of them.
-            "exemplar" heeds the negative one alone: it goes on with the surroundings.
-        controls: What a Stable Diffusion prior shall be able to follow; needs a ControlNet each.
+            "exemplar" reads the negative one only: it continues the surroundings.
+        controls: Kinds of control that a Stable Diffusion prior loads a ControlNet for.
         device: "auto", "cpu" or "cuda". The built-in priors compute on the CPU.
 
     Raises:

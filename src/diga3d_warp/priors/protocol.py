@@ -1,4 +1,4 @@
-"""What the pipelines ask of a prior: fill one image; of a diffusion prior also noise estimates."""
+"""Protocols of priors: `Prior` fills one image, `DiffusionPrior` also estimates noise."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Task = Literal["remove", "retexture", "replace"]
 
 
 class Prior(Protocol):
-    """Knowledge of what images look like, used to invent what no photograph shows.
+    """Fills what no photograph shows.
 
     `fill` is all that the classical prior has. `DiffusionPrior` also offers noise estimates, for attention
     propagation and score distillation; a pipeline that needs them asks for them, not for a class.
@@ -32,14 +32,15 @@ class Prior(Protocol):
     def fill(
         self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0, depth: torch.Tensor | None = None
     ) -> torch.Tensor:
-        """Invent the masked pixels so that they continue the others.
+        """Fill the masked pixels so that they continue the others.
 
         Args:
             image: RGB in [0, 1], shape (H, W, 3), float32. Masked pixels are not looked at.
             mask: True where to fill, shape (H, W), bool. May be empty.
             seed: Same image, mask and seed: same bytes.
             depth: z of the surface to be seen at each pixel, also behind the mask [scene units], positive,
-                shape (H, W), float32. Tells which surroundings go on; a prior that cannot use it ignores it.
+                shape (H, W), float32. Says which surroundings continue behind the mask; a prior may ignore
+                it.
 
         Returns:
             Filled image, shape (H, W, 3), float32 in [0, 1]; unmasked pixels are exactly those of `image`.
@@ -70,7 +71,7 @@ class DiffusionPrior(Prior, Protocol):
 
     @property
     def mask_aware(self) -> bool:
-        """Whether `predict_noise` heeds the known part itself.
+        """Whether `predict_noise` is conditioned on the known part itself.
 
         If not, sampling puts the known part, as noisy as the rest, back after each step.
         """
@@ -78,17 +79,17 @@ class DiffusionPrior(Prior, Protocol):
 
     @property
     def guidance(self) -> Guidance:
-        """Towards what and away from what: the prompts that the prior was made with."""
+        """The prompts that the prior was loaded with, and its guidance scale."""
         ...
 
     @property
     def sampling(self) -> SamplingSettings:
-        """How views are best sampled."""
+        """Settings that suit the prior when views are sampled."""
         ...
 
     @property
     def learned(self) -> bool:
-        """Whether it is a trained network, which knows what images show beyond those at hand."""
+        """Whether it is a trained network, rather than one that only has the images at hand."""
         ...
 
     @property
@@ -116,7 +117,7 @@ class DiffusionPrior(Prior, Protocol):
         ...
 
     def encode_prompts(self, positive: str, negative: str, task: Task) -> Prompts:
-        """What the prompts mean to this prior.
+        """Encode prompts in the form of this prior.
 
         Raises:
             InputError: a prompt that the prior does not understand.
@@ -124,11 +125,11 @@ class DiffusionPrior(Prior, Protocol):
         ...
 
     def conditioning(self, images: torch.Tensor, masks: torch.Tensor) -> Conditioning:
-        """Describe the known part.
+        """Condition on the known part of images.
 
         Args:
             images: RGB in [0, 1], shape (B, H, W, 3), of a native size.
-            masks: True where to invent, shape (B, H, W), bool.
+            masks: True where to inpaint, shape (B, H, W), bool.
         """
         ...
 

@@ -23,21 +23,21 @@ from diga3d_warp.priors.settings import SamplingSettings
 
 @dataclass(frozen=True)
 class ViewLatents:
-    """N views as the sampler takes them; it brings a few at a time to the prior's device.
+    """Latents and conditions of N views, on the host; sampling moves a few at a time to the prior's device.
 
     Attributes:
         start: Latents to start from, noise or inverted images, shape (N, C, h, w).
         cond: Known parts, N rows.
         controls: Images to follow, N rows each.
-        noise: Noise of the known part where the prior does not heed it itself; `start` if None.
-        settled: The references' latents show what they shall: each timestep starts from them anew.
+        noise: Noise of the known part, for a prior that is not `mask_aware`; `start` if None.
+        inpainted: The references are inpainted already: each timestep starts from their clean latents.
     """
 
     start: torch.Tensor
     cond: Conditioning
     controls: tuple[Control, ...] = ()
     noise: torch.Tensor | None = None
-    settled: bool = False
+    inpainted: bool = False
 
     def __len__(self) -> int:
         return len(self.start)
@@ -58,15 +58,15 @@ def sample_views(
     references: Sequence[int] = (),
     progress: Callable[[int], None] | None = None,
 ) -> torch.Tensor:
-    """Denoise all views, each but the references attending to the references.
+    """Denoise all views; all but the references attend to the references.
 
     Args:
         prior: What estimates noise.
-        views: Where each view starts and what it must heed.
-        guidance: Prompts, for all views.
-        settings: How.
+        views: Start latents and conditions of each view.
+        guidance: Prompts and guidance scale, for all views.
+        settings: Steps, strength, batch size and weight of propagation.
         references: Indices of the reference views; without any, each view is sampled for itself.
-        progress: Called after each timestep with how many are done.
+        progress: Called after each timestep with the number of finished timesteps.
 
     Returns:
         Clean latents, shape (N, C, h, w), on the host.
@@ -81,16 +81,16 @@ def sample_views(
     others = [index for index in range(len(views)) if index not in set(references)]
     z = views.start.clone()
     timesteps = prior.schedule.timesteps(settings.steps, settings.strength)
-    settled = list(references) if views.settled else []
-    clean, started = views.cond.latent[settled], views.start[settled]
-    settled_noise = prior.schedule.noise_between(started, clean, timesteps[0])
+    inpainted = list(references) if views.inpainted else []
+    clean, started = views.cond.latent[inpainted], views.start[inpainted]
+    inpainted_noise = prior.schedule.noise_between(started, clean, timesteps[0])
     prior.install_attention(bank)
     try:
         for done, t in enumerate(timesteps, start=1):
             to = timesteps[done] if done < len(timesteps) else None
-            z[settled] = prior.schedule.add_noise(clean, settled_noise, t)
+            z[inpainted] = prior.schedule.add_noise(clean, inpainted_noise, t)
             reading = bank.reading if references else nullcontext
-            turns = [(list(references), bank.writing, views.settled), (others, reading, False)]
+            turns = [(list(references), bank.writing, views.inpainted), (others, reading, False)]
             for indices, within, fixed in turns:
                 for first in range(0, len(indices), settings.batch):
                     rows = indices[first : first + settings.batch]
@@ -100,7 +100,7 @@ def sample_views(
                 progress(done)
     finally:
         prior.install_attention(None)
-    z[settled] = clean
+    z[inpainted] = clean
     return z
 
 
@@ -113,10 +113,10 @@ def _step(
     to: int | None,
     guidance: Guidance,
     within: Callable[[Half], AbstractContextManager[object]],
-    settled: bool,
+    inpainted: bool,
 ) -> torch.Tensor:
-    """Some views from one timestep to the next, host to host."""
-    cond = replace(views.cond.rows(rows, prior.device), settled=settled)
+    """One denoising step of some views; takes and returns latents on the host."""
+    cond = replace(views.cond.rows(rows, prior.device), inpainted=inpainted)
     controls = [control.rows(rows, prior.device) for control in views.controls]
     here = z.to(prior.device)
     noise = guided_noise(prior, here, t, guidance, cond, controls, within)

@@ -13,7 +13,7 @@ class SamplingSettings:
 
     Attributes:
         steps: DDIM steps from pure noise [1]. 20 to 50 are usual for inversion and sampling.
-        strength: Share of the way to pure noise at which sampling starts [1].
+        strength: Part of the schedule, counted from the clean end, that is sampled [1].
         batch: Views that are estimated together. More need more memory and are faster on a GPU only.
         afp_weight: lambda_a of Eq. 4; 0 leaves propagation out.
     """

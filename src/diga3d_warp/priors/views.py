@@ -1,4 +1,4 @@
-"""Images in, images out: a diffusion prior fills the masked pixels of one view or of many."""
+"""Inpainting of one view or many by a diffusion prior: images in, images out."""
 
 from __future__ import annotations
 
@@ -49,49 +49,50 @@ def inpaint_views(
     settings: SamplingSettings | None = None,
     *,
     references: Sequence[int] = (),
-    settled: bool = False,
-    begun: Sequence[torch.Tensor] | None = None,
+    inpainted: bool = False,
+    init_images: Sequence[torch.Tensor] | None = None,
     controls: Sequence[ViewControl] = (),
     source: Any = None,
     seed: int = 0,
     say: Callable[[str], None] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Iterator[torch.Tensor]:
-    """Fill the masked pixels of N views, consistently with the references (paper Sec. 3.3).
+    """Inpaint the masked pixels of N views, consistently with the references (paper Sec. 3.3).
 
-    All views are worked on at the native size of the first one.
+    All views are resized to the native size of the first one.
 
     Args:
-        prior: What invents.
-        images: RGB in [0, 1], shape (H, W, 3) each. May be made when asked for; each is read twice.
-        masks: True where to invent, shape (H, W), bool, one for each image.
-        guidance: Prompts and their weight.
-        settings: How to sample.
+        prior: The diffusion prior.
+        images: RGB in [0, 1], shape (H, W, 3) each. May be a lazy sequence; each is read twice.
+        masks: True where to inpaint, shape (H, W), bool, one for each image.
+        guidance: Prompts and guidance scale.
+        settings: Steps, strength, batch size and weight of propagation.
         references: Indices of the views that the others attend to.
-        settled: Whether the references' images are filled already: those stay as they are.
-        begun: What sampling below full strength starts from, like `images`; those if None.
-        controls: Edges and depth to follow.
+        inpainted: Whether the references are inpainted already; they then stay as they are.
+        init_images: Images that sampling below full strength starts from; `images` if None.
+        controls: Edges and depth that condition the sampling (ControlNet).
         source: Prompt half (`Prompts.positive` of a prompt) that describes the images as they are: sampling
             starts from their DDIM inversion. If None it starts from noise, the same for all views.
         seed: Of the noise.
-        say: Told time and memory before sampling starts.
-        progress: Called after each timestep with how many are done.
+        say: Called with a line on time and memory before sampling starts.
+        progress: Called after each timestep with the number of finished timesteps.
 
     Yields:
         The views in their order, shape (H, W, 3), float32 in [0, 1]; unmasked pixels are exactly those given.
 
     Raises:
-        InputError: when the first view is asked for: shapes do not fit, a mask covers everything, or
-            references are not among the views.
+        InputError: shapes do not fit, a mask covers everything, or references are not among the views. Raised
+            when the first view is requested.
     """
     settings = settings or SamplingSettings()
-    begun = images if begun is None else begun
-    counts = [len(images), len(masks), len(begun), *(len(c.shown) for c in controls)]
+    init_images = images if init_images is None else init_images
+    counts = [len(images), len(masks), len(init_images), *(len(c.shown) for c in controls)]
     if not images or len(set(counts)) > 1:
         raise InputError(f"numbers of images, masks and controls differ or are zero: {counts}")
     size = prior.native_size(*images[0].shape[:2])
     views = replace(
-        _encode(prior, images, masks, begun, controls, size, source, settings, seed), settled=settled
+        _encode(prior, images, masks, init_images, controls, size, source, settings, seed),
+        inpainted=inpainted,
     )
     if say is not None:
         say(str(plan_sampling(prior, views, guidance, settings, references)))
@@ -112,7 +113,7 @@ def fill_one(
     *,
     seed: int = 0,
 ) -> torch.Tensor:
-    """One image filled from noise: `Prior.fill` of a diffusion prior. An empty mask returns the image."""
+    """Inpaint one image from noise: `Prior.fill` of a diffusion prior. An empty mask returns the image."""
     check_fill(image, mask)
     if not bool(mask.any()):
         return image.clone()
@@ -124,7 +125,7 @@ def _encode(
     prior: DiffusionPrior,
     images: Sequence[torch.Tensor],
     masks: Sequence[torch.Tensor],
-    begun: Sequence[torch.Tensor],
+    init_images: Sequence[torch.Tensor],
     controls: Sequence[ViewControl],
     size: tuple[int, int],
     source: Any,
@@ -148,7 +149,7 @@ def _encode(
             noise = initial_noise(cond.latent.shape, seed).to(prior.device)
             start = noise
             if settings.strength < 1.0:
-                here = resize_images(begun[index][None].to(prior.device), size)
+                here = resize_images(init_images[index][None].to(prior.device), size)
                 start = schedule.add_noise(prior.encode_image(here), noise, first)
         else:
             start = invert(

@@ -21,11 +21,11 @@ WHOLE = (slice(None), slice(None))
 
 @dataclass(frozen=True)
 class WindowSettings:
-    """How much of a view a prior is shown.
+    """Size of the windows that a prior is given.
 
     Attributes:
         around: Sides of a window [sides of the largest mask]. At 1.6 three tenths of the object's size are
-            left on each side, which tell light and support.
+            left on each side, which show light and support.
         oblong: Most that a window's long side is [short sides]. Photographs are up to 16:9; of a mast alone
             the prior would make a long strip, in which latents of its usual size see little.
         enlarged: Most that a window is enlarged to the prior's native size [1]. Enlarged further, its
@@ -59,9 +59,9 @@ class Windows:
         """Windows around the masks, each in the middle of its view's mask as far as the view reaches.
 
         Args:
-            masks: True where to invent, one for each view, shape (H, W), bool.
-            prior: Whose native size counts.
-            settings: How large.
+            masks: True where to edit, one for each view, shape (H, W), bool.
+            prior: Its native size bounds how much a window is enlarged.
+            settings: Size of the windows.
 
         Raises:
             InputError: no view has a mask.

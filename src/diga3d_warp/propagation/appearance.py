@@ -60,13 +60,15 @@ def propagate_appearance(
         return found
     rows = [*references.indices, *others] if attend else others
     masks = [torch.from_numpy(backgrounds[i].unseen) for i in rows]
-    begun = [_begun(fills[i]) for i in rows]
+    init_images = [_init_image(fills[i]) for i in rows]
     # Within its mask an image still shows the object: what to go away from, for a prior that wants to see it.
-    images = [begun[k] if i in fixed else torch.from_numpy(backgrounds[i].image) for k, i in enumerate(rows)]
+    images = [
+        init_images[k] if i in fixed else torch.from_numpy(backgrounds[i].image) for k, i in enumerate(rows)
+    ]
     count = len(rows) - len(others)
     painted = inpaint_views(
-        prior, images, masks, prior.guidance, sampling, references=range(count), settled=True, begun=begun,
-        seed=seed, say=say, progress=progress,
+        prior, images, masks, prior.guidance, sampling, references=range(count), inpainted=True,
+        init_images=init_images, seed=seed, say=say, progress=progress,
     )  # fmt: skip
     for i, image in zip(rows, painted, strict=True):
         if i not in fixed:
@@ -74,7 +76,7 @@ def propagate_appearance(
     return found
 
 
-def _begun(fill: Fill) -> torch.Tensor:
+def _init_image(fill: Fill) -> torch.Tensor:
     """A view with something in every pixel, (H, W, 3): where no fill arrived its image shows the object."""
     image = torch.from_numpy(fill.image)
     return telea_fill(image, torch.from_numpy(fill.missing)) if fill.missing.any() else image

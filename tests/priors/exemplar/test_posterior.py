@@ -7,8 +7,8 @@ import torch
 from diga3d_warp.priors.exemplar.posterior import (
     attend_all,
     attend_candidates,
-    handed_down,
     no_candidates,
+    upsampled_candidates,
     window,
 )
 from diga3d_warp.priors.exemplar.query import query_at
@@ -124,7 +124,7 @@ def test_candidates_are_handed_down_the_same_way(steps):
     y, x = pixels // coarse.width + steps, pixels % coarse.width - steps
     inside = (y < coarse_size[0]) & (x >= 0)
     candidates[inside, 0] = (y * coarse.width + x)[inside].int()
-    handed = handed_down(candidates, coarse, fine, coarse_size, SIZE)[:, 0].long()
+    handed = upsampled_candidates(candidates, coarse, fine, coarse_size, SIZE)[:, 0].long()
     pixels = fine.pixels.long()
     found = handed >= 0
     assert found.float().mean() > 0.2
@@ -132,4 +132,4 @@ def test_candidates_are_handed_down_the_same_way(steps):
     way_x = (handed % SIZE[1] - pixels % SIZE[1])[found].float()
     assert ((way_y - steps * SIZE[0] / 9).abs() <= 1.0).all()
     assert ((way_x + steps * SIZE[1] / 10).abs() <= 1.0).all()
-    assert (handed_down(candidates, coarse, fine, coarse_size, SIZE)[:, 1:] == -1).all()
+    assert (upsampled_candidates(candidates, coarse, fine, coarse_size, SIZE)[:, 1:] == -1).all()

@@ -17,8 +17,8 @@ from diga3d_warp.priors.exemplar.posterior import (
     Estimate,
     attend_all,
     attend_candidates,
-    handed_down,
     no_candidates,
+    upsampled_candidates,
 )
 from diga3d_warp.priors.exemplar.query import QueryScale, query_at
 from diga3d_warp.priors.exemplar.scales import enlarged, scale_sizes
@@ -65,7 +65,7 @@ def refine(state: State, scale: Scale, seed: int, settings: FillSettings = FILL)
     """Fill a finer scale from the fill of a coarser one."""
     query, coarse = scale.query, state.scale
     image = enlarged(state.estimate.image, query.size)
-    candidates = handed_down(
+    candidates = upsampled_candidates(
         state.estimate.candidates, coarse.query, query, coarse.source.size, scale.source.size
     )
     return _denoise(scale, image, candidates, settings.levels(), seed, settings)

@@ -1,8 +1,8 @@
 """The denoiser for a whole image at any noise level: from coarse scales down to the one that noise leaves.
 
 Shrunk s times, an image's noise falls by s, while its shapes stay. So at a noise level the coarsest scale is
-the clearest; each finer one looks at the candidates that it hands down, and the finest at which patches can
-still be told apart gives the estimate. What detail lies below that is noise, and is left out of the mean.
+the clearest; each finer one searches around the candidates of the coarser one, and the finest at which
+patches can still be distinguished gives the estimate. Finer detail is noise, and is left out of the mean.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from diga3d_warp.priors.exemplar.posterior import (
     Estimate,
     attend_all,
     attend_candidates,
-    handed_down,
     no_candidates,
+    upsampled_candidates,
 )
 from diga3d_warp.priors.exemplar.query import QueryScale, query_at
 from diga3d_warp.priors.exemplar.scales import enlarged, scale_sizes, shrunk
@@ -48,8 +48,8 @@ def posterior_mean(
         known: The clean image where it is usable; the rest is sought.
         source: Where patches come from. One from another camera may have another size; its controls are
             as many as those of `known`.
-        patches, settings: How.
-        shift: The way from a pixel to where a placed source shows the same, across and down [px].
+        patches, settings: Costs of patches, and scales and noise levels of the fill.
+        shift: Displacement from a pixel to where a placed source shows the same, across and down [px].
 
     Returns:
         Shape (H, W, 3); known pixels as they are. Where the source has hardly a whole patch at any scale, the
@@ -83,7 +83,7 @@ def posterior_mean(
             candidates = no_candidates(here)
             if previous is not None:
                 before, before_keys, found = previous
-                candidates = handed_down(found.candidates, before, here, before_keys.size, keys.size)
+                candidates = upsampled_candidates(found.candidates, before, here, before_keys.size, keys.size)
             estimate = attend_candidates(
                 here, keys, clear, noise / shrink, candidates, seed=len(here.pixels), steps=SEARCH_STEPS
             )

@@ -13,12 +13,12 @@ from diga3d_warp.priors.exemplar.source import Source
 def fill_missing(
     source: Source, seed: int, patches: PatchSettings = PATCHES, settings: FillSettings = FILL
 ) -> torch.Tensor | None:
-    """Fill what is not usable of a source from the rest of it.
+    """Fill the unusable part of a source from the rest of it.
 
     Args:
         source: Image with a hole.
         seed: Same source and seed: same bytes on one device.
-        patches, settings: How.
+        patches, settings: Costs of patches, and scales and noise levels of the fill.
 
     Returns:
         The filled image, about in [-1, 1], shape (H, W, 3); None if the source has hardly a whole patch.

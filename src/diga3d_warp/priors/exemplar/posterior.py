@@ -55,7 +55,7 @@ def attend_all(query: QueryScale, source: SourceScale, image: torch.Tensor, nois
     weights = unfolded(query.weights(noise), s.side)[pixels]
     distances = weights @ keys.square().T - 2.0 * (weights * q) @ keys.T
     distances += (weights * q.square()).sum(1, keepdim=True)
-    across, down, shift_x, shift_y = way_costs(query, source, noise)
+    across, down, shift_x, shift_y = displacement_costs(query, source, noise)
     step_x = pixels[:, None] % query.width - places % source.centers.shape[1] + shift_x
     step_y = pixels[:, None] // query.width - places // source.centers.shape[1] + shift_y
     distances = distances.clamp(min=0.0) + across * step_x.square() + down * step_y.square()
@@ -94,7 +94,7 @@ def attend_candidates(
     s = query.settings
     form, keys, queries = source.form(s), source.keys(scale), query.queries(image, noise)
     spread = s.spread * query.width if spread is None else spread
-    costs = way_costs(query, source, noise)
+    costs = displacement_costs(query, source, noise)
     distances = torch.empty(candidates.shape, device=image.device)
     for step in range(steps):
         found = torch.empty_like(candidates)
@@ -122,14 +122,14 @@ def no_candidates(query: QueryScale) -> torch.Tensor:
     return torch.full(shape, -1, dtype=torch.int32, device=query.missing.device)
 
 
-def handed_down(
+def upsampled_candidates(
     candidates: torch.Tensor,
     coarse: QueryScale,
     fine: QueryScale,
     coarse_source: tuple[int, int],
     fine_source: tuple[int, int],
 ) -> torch.Tensor:
-    """Candidates for a finer scale: each query takes those of the coarse query that it lies in, moved along.
+    """Candidates for a finer scale: each query takes those of the coarse query that it lies in, upsampled.
 
     Args:
         candidates: Of the coarse queries, shape (N, kept).
@@ -144,7 +144,7 @@ def handed_down(
     slot = coarse.slots[cy * coarse_w + cx].long()
     taken = candidates[slot.clamp(min=0)].long()
     ky, kx = taken // coarse_source[1], taken % coarse_source[1]
-    # The middle of the coarse key's cell, and from there the same way that leads from the coarse query.
+    # The middle of the coarse key's cell, plus the offset of the query from the middle of its coarse cell.
     fine_y = (
         ((ky + 0.5) * fine_source[0] / coarse_source[0] + (y - (cy + 0.5) * h / coarse_h)[:, None])
         .floor()
@@ -160,12 +160,14 @@ def handed_down(
     return torch.where(valid, fine_y * fine_source[1] + fine_x, -1).int().contiguous()
 
 
-def way_costs(query: QueryScale, source: SourceScale, noise: float) -> tuple[float, float, float, float]:
-    """Cost of the way to a key, across and down, per px^2 in units of `distances`; and the shift."""
+def displacement_costs(
+    query: QueryScale, source: SourceScale, noise: float
+) -> tuple[float, float, float, float]:
+    """Cost of displacement to a key, across and down, per px^2 in units of `distances`; and the shift."""
     if not source.placed:
         return 0.0, 0.0, 0.0, 0.0
     s = query.settings
-    unit = query.unit(noise) * query.urgency / (query.size[0] ** 2 + query.size[1] ** 2)
+    unit = query.unit(noise) * query.cost_scale / (query.size[0] ** 2 + query.size[1] ** 2)
     return unit * s.across, unit * s.down, *source.shift
 
 

@@ -162,14 +162,16 @@ class ExemplarPrior:
             planes = [_control_plane(control, row, self.patches) for control in controls]
             if planes:
                 known = known.with_controls(torch.stack(planes, -1).to(known.image))
-            means.append(self._attend(z[row].permute(1, 2, 0) / alpha**0.5, noise, known, text, cond.settled))
+            means.append(
+                self._attend(z[row].permute(1, 2, 0) / alpha**0.5, noise, known, text, cond.inpainted)
+            )
         return self.schedule.noise_between(z, torch.stack(means).permute(0, 3, 1, 2), t)
 
     def _attend(
-        self, noisy: torch.Tensor, noise: float, known: Source, text: PatchPrompt, settled: bool
+        self, noisy: torch.Tensor, noise: float, known: Source, text: PatchPrompt, inpainted: bool
     ) -> torch.Tensor:
         """Estimate of one view, blended by the bank with those from the references' patches."""
-        own = known.image if settled else self._mean(noisy, noise, known, _source_of(text, known))
+        own = known.image if inpainted else self._mean(noisy, noise, known, _source_of(text, known))
         if self._bank is None:
             return own
 

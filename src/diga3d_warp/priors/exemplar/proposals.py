@@ -22,7 +22,7 @@ def best_proposal(scales: Sequence[Scale], seed: int, settings: FillSettings = F
     Args:
         scales: From the coarsest to the one at which proposals are compared.
         seed: Of the first proposal.
-        settings: How.
+        settings: Scales and noise levels of the fill.
     """
     return min(_proposals(scales, seed, settings), key=lambda state: energy(state, settings))
 

@@ -74,8 +74,8 @@ class QueryScale:
         return torch.where(self.missing[..., None], colors, self.known)
 
     @property
-    def urgency(self) -> float:
-        """Factor on the costs of controls and of the way; see `PatchSettings`."""
+    def cost_scale(self) -> float:
+        """Factor on the costs of controls and of displacement; see `PatchSettings`."""
         return self.shrink**0.5
 
     def unit(self, noise: float) -> float:
@@ -106,7 +106,7 @@ class QueryScale:
         sought = self.precision(noise)
         clean = self.precision(min(noise, self.settings.known_noise))
         weight = torch.where(self.missing[..., None], sought, clean)
-        controls = (self.urgency * weight).expand_as(self.controls)
+        controls = (self.cost_scale * weight).expand_as(self.controls)
         colors = torch.where(self.missing[..., None], 1.0 + self.smooth, 1.0) * weight.expand(-1, -1, 3)
         return padded(torch.cat([colors, controls], -1), self.settings.radius)
 

@@ -9,11 +9,12 @@ import numpy as np
 
 @dataclass(frozen=True)
 class PatchSettings:
-    """When two patches are alike, and how the likest are found.
+    """Distance between patches, and the search for the nearest ones.
 
-    Square differences are means over the colours of a patch, so the costs say which mean square difference
-    of colours an offence is worth. In an image shrunk s times, the costs of the way and of controls are
-    sqrt(s) times as much: coarse scales decide what lies where, and fine ones choose among patches near by.
+    Square differences are means over the colours of a patch; costs are in the same unit, as the mean square
+    difference of colours that they equal. In an image shrunk s times, the costs of displacement and of
+    controls are sqrt(s) times as much: coarse scales decide what lies where, and fine ones choose among
+    patches near by.
 
     Attributes:
         radius: Of a patch [px]; 7 x 7 is the custom since Wexler et al. 2007.
@@ -24,7 +25,7 @@ class PatchSettings:
         known_noise: Most that a known pixel inside a query may differ [1]. Known pixels are clean, but no
             patch has exactly theirs.
         across, down: Cost of a patch one image diagonal away, across and down the image, with the square of
-            the way [1]. What stands at one height in a photograph mostly lies at one depth.
+            the displacement [1]. What is at one height in a photograph mostly lies at one depth.
         depth: Cost of a depth greater or less by a factor of e, with the square of its logarithm [1].
         edges: Cost of an edge where there is none [1]; edges are thin, so that a line through a patch costs
             about a seventh.

@@ -87,7 +87,7 @@ class SourceScale:
         features: Colours and controls, shape (h, w, 3 + c).
         centers: Where a usable patch has its centre, shape (h, w), bool.
         placed: As in `Source`.
-        shift: The way from a query to where a placed source shows the same, across and down [px].
+        shift: Displacement from a query to where a placed source shows the same, across and down [px].
     """
 
     features: torch.Tensor
