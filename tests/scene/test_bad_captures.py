@@ -19,6 +19,7 @@ from test_load_scene import (
 )
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.scene import load
 from diga3d_warp.scene.colmap import write_colmap
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Points
@@ -78,6 +79,15 @@ def test_truncated_images_are_named_and_left_out(tmp_path, corner, suffix, keep)
     assert [v.name for v in scene.views] == ["view_01", "view_02", "view_04", "view_05"]
     (note,) = scene.notes
     assert note.startswith(f"left out: {path}: ") and note.endswith("copy it again")
+
+
+def test_many_damaged_images_make_few_notes(colmap_scene, corner, monkeypatch):
+    monkeypatch.setattr(load, "_REASONS", 2)
+    for path in sorted((colmap_scene / "images").iterdir())[2:]:
+        path.write_bytes(b"no image")
+    first, second, rest = load_scene(colmap_scene).notes
+    assert "view_02" in first and "view_03" in second
+    assert rest == "left out: 2 more images that cannot be read"
 
 
 def test_a_film_after_the_end_of_a_jpeg_does_not_count(tmp_path, corner):

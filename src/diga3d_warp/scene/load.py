@@ -40,7 +40,7 @@ T = TypeVar("T")
 
 # With fewer views, holding one out costs the fit more than a test is worth.
 _FEWEST_VIEWS_TO_HOLD_OUT = 4
-# Reasons that a refusal for want of photographs gives.
+# Images that are told one by one why they are left out.
 _REASONS = 4
 
 
@@ -192,16 +192,17 @@ def _map_folder(root: Path, progress: bool) -> Capture:
     folder = found.folders[min(found.folders)]
     if not found.files:
         raise InputError(f"{'; '.join(found.notes) or root}: none is left; give the folder of photographs")
-    images, notes = {}, list(found.notes)
+    images, damaged = {}, []
     for file in found.files:
         try:
             images[file.relative_to(folder).as_posix()] = shrink(read_photograph(file).pixels)
         except InputError as error:
-            notes.append(str(error))
+            damaged.append(error)
     numbered = _numbered(list(images))
     cameras, points = map_images({number: images[name] for number, name in numbered.items()}, progress)
     shots = [Shot(numbered[number], camera) for number, camera in cameras.items()]
-    notes.append(f"poses of {len(shots)} of {len(images)} images recovered with COLMAP's mapper")
+    recovered = f"poses of {len(shots)} of {len(images)} images recovered with COLMAP's mapper"
+    notes = [*found.notes, *_damage_notes(damaged), recovered]
     return Capture("images", shots, found.folders, points, notes)
 
 
@@ -266,14 +267,21 @@ def _read_photographs(
 ) -> tuple[dict[str, Photograph], list[str]]:
     """Photographs by name, and a note on each that is damaged."""
     photographs: dict[str, Photograph] = {}
-    notes = []
+    damaged = []
     wanted = [Wanted(source.file, source.scale, turns.of(keys[name])) for name, source in sources.items()]
     for name, photograph in zip(sources, read_photographs(wanted, progress), strict=True):
         if isinstance(photograph, InputError):
-            notes.append(f"left out: {photograph}")
+            damaged.append(photograph)
         else:
             photographs[name] = photograph
-    return photographs, notes
+    return photographs, _damage_notes(damaged)
+
+
+def _damage_notes(errors: Sequence[InputError]) -> list[str]:
+    """A note on each of a few images that are left out, and one on how many more there are."""
+    notes = [f"left out: {error}" for error in errors[:_REASONS]]
+    rest = len(errors) - len(notes)
+    return [*notes, f"left out: {rest} more images that cannot be read"] if rest else notes
 
 
 def _view(shot: Shot, key: str, photograph: Photograph, orientation: int) -> View:
