@@ -26,6 +26,7 @@ from diga3d_warp.gaussians.fit import FitResult, FitSettings, Target, fit
 from diga3d_warp.gaussians.initialise import initialise
 from diga3d_warp.gaussians.lift import LiftSettings, object_mask, object_rows, vote
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.thinning import thinned
 from diga3d_warp.pipelines.method import Method
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.propagation.references import (
@@ -49,6 +50,8 @@ LIFT = "lift"
 CURVE = "curve.json"
 PLAN = "plan.json"
 EXPOSURES = "exposures.npy"
+PRICED_MOST = 60_000
+"""Sparse points from which the cost of effects is measured: a fit of default budget ends with as many."""
 
 
 class ReferencesRecord(TypedDict):
@@ -120,7 +123,7 @@ def begin(run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = N
         plan = plan_effects(scene, splat, antialiased=antialiased, overrides=overrides)
         if antialiased and plan.effects.antialias:
             run.note("the splat was fitted with anti-aliasing, and is drawn with it")
-        drawn = splat or initialise(scene.points)
+        drawn = splat or initialise(thinned(scene.points, PRICED_MOST))
         write_json(folder / PLAN, priced(plan, drawn, scene.views[0].camera).as_json())
 
     data = read_state(run.stage("effects", compute) / PLAN, EffectsRecord)
@@ -149,9 +152,15 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
             Target(view.camera, torch.from_numpy(view.pixels), alpha=tensor_of(view.alpha))
             for view in scene.views
         ]
+        points = thinned(scene.points, max(settings.budget, 1))
+        if len(points) < len(scene.points):
+            run.note(
+                f"the fit starts from {len(points)} of {len(scene.points)} sparse points, thinned evenly in "
+                "space: as many as its budget of gaussians"
+            )
         coefficients = coefficient_count(run.effects.sh_degree)
         result = fit(
-            initialise(scene.points, coefficients), targets, scene.extent, settings, effects=run.effects,
+            initialise(points, coefficients), targets, scene.extent, settings, effects=run.effects,
             seed=seed, checkpoint=folder / "checkpoint.pt", note=run.note, progress=True,
         )  # fmt: skip
         keep_fit(run, folder, result)

@@ -11,10 +11,10 @@ import torch
 from scipy.spatial import cKDTree
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.formats.morton import morton_order
 from diga3d_warp.scene.formats.read import read_splat
 from diga3d_warp.scene.formats.rows import SplatRows
 from diga3d_warp.scene.formats.write import ENDINGS, write_splat
+from diga3d_warp.scene.morton import morton_order
 from scenes import random_gaussians
 
 gsply = pytest.importorskip("gsply")

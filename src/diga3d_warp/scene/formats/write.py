@@ -14,10 +14,10 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.files import whole_file
 from diga3d_warp.scene.formats import sog, spz
 from diga3d_warp.scene.formats.conversion import convert, require
-from diga3d_warp.scene.formats.morton import morton_order
 from diga3d_warp.scene.formats.read import read_splat
 from diga3d_warp.scene.formats.rows import SplatRows
 from diga3d_warp.scene.formats.standard_ply import ANTIALIASED, ply_contents, write_ply
+from diga3d_warp.scene.morton import morton_order
 
 ENDINGS = {
     "ply": ".ply",
