@@ -99,16 +99,21 @@ def recognise(path: Path) -> Recognised:
         if path.name.lower() == "sparse" and (chosen := choose_reconstruction(path.parent, path)):
             return replace(_model(chosen.folder, path), notes=chosen.notes)
     elif _is_part(path):
-        found = _folder(path.parent)
-        note = f"{path} is a part of {path.parent}, whose poses are read"
+        found = _folder(_parent(path))
+        note = f"{path} is a part of {found.root}, whose poses are read"
         return replace(found, notes=[note, *found.notes], images=path)
     return _folder(path)
 
 
 def _is_part(path: Path) -> bool:
     """Whether a folder holds the photographs of a capture whose poses lie beside it."""
-    base = path.name.lower().split("_")[0]
-    return base in ("images", "input") and has_poses(path.parent) and not has_poses(path)
+    base = path.absolute().name.lower().split("_")[0]
+    return base in ("images", "input") and has_poses(_parent(path)) and not has_poses(path)
+
+
+def _parent(folder: Path) -> Path:
+    """The folder above, relative as long as it is."""
+    return folder.parent if folder.name else folder.absolute().parent
 
 
 def _file(path: Path) -> Recognised:
@@ -155,10 +160,10 @@ def _model(folder: Path, named: Path) -> Recognised:
 
 
 def _and_above(folder: Path, levels: int) -> Iterator[Path]:
-    """A folder and those above it, relative as long as it is."""
+    """A folder and those above it."""
     yield folder
     for _ in range(levels):
-        folder = folder.parent if folder.name else folder.absolute().parent
+        folder = _parent(folder)
         yield folder
 
 
@@ -225,7 +230,9 @@ def _photographs(root: Path, others: Sequence[PoseFile]) -> Recognised:
     ]
     if not has_images(root) or parts or (root / "sparse").exists():
         raise InputError(f"{root}: no capture recognised; {_what_there_is(root)}{EXPECTED}")
-    return Recognised(root, "images")
+    above = next((each for each in _and_above(root, _LEVELS_UP) if each != root and has_poses(each)), None)
+    notes = [f"{above} holds poses, which are not used: give that folder if they are of these images"]
+    return Recognised(root, "images", notes=notes if above else [])
 
 
 def no_photographs(root: Path) -> str:
