@@ -14,8 +14,8 @@ class Splatting:
     """Constants of projection and compositing. The defaults render as 3DGS does, but for `near`.
 
     Attributes:
-        near: Nearest depth that is drawn [scene units]. 3DGS uses 0.2, under which a small scene loses
-            everything; gsplat and brush use 0.01.
+        near: Nearest depth that is drawn [scene extents]. 3DGS uses 0.2 scene units, 0.04 of the extents of
+            usual captures, and a small scene loses everything; gsplat and brush use 0.01 scene units.
         jacobian_margin: The EWA Jacobian is taken no further out than this many times the image's half
             extent [ratio]. Far outside the image the affine approximation would sweep over it. 3DGS: 1.3.
         low_pass: Added to both variances of a projected gaussian [px^2]. Keeps every splat at least about a

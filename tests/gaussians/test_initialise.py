@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.gaussians.initialise import from_image, initialise
+from diga3d_warp.gaussians.initialise import SMALLEST, from_image, initialise
 from diga3d_warp.scene.scene import Points
 from diga3d_warp.splatting.project import project
 from diga3d_warp.splatting.render import render
@@ -43,7 +43,15 @@ def test_the_color_is_that_of_the_point():
 def test_coincident_points_have_a_size():
     gaussians = initialise(points([[1.0, 2.0, 3.0]] * 5 + [[2.0, 2.0, 3.0]]))
     assert torch.isfinite(gaussians.log_scales).all()
-    np.testing.assert_allclose(gaussians.scales[:5], np.sqrt(1e-7), rtol=1e-5)
+    np.testing.assert_allclose(gaussians.scales[:5], SMALLEST, rtol=1e-5)  # points are 1 apart
+
+
+@pytest.mark.parametrize("unit", [1e-7, 1e5])
+def test_sizes_follow_the_unit(unit):
+    positions = np.random.default_rng(3).normal(size=(40, 3)).repeat(2, axis=0)
+    positions[::8] += 0.1
+    here, there = initialise(points(positions)), initialise(points(positions * unit))
+    np.testing.assert_allclose(there.scales, here.scales * unit, rtol=1e-5)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

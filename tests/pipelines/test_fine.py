@@ -31,7 +31,7 @@ def distilled(removed, tmp_path, weight):
     source = Gaussians.load_ply(stages / "refit" / "point_cloud.ply")
     free = torch.from_numpy(np.load(stages / "clear" / "free.npy"))
     held = torch.nn.functional.pad(~free, (0, len(source) - len(free)))
-    views = removed.scene.views
+    views = removed.working.views
     fills = coarse.read_fills(stages / "propagate", views)
     unseen = [read_mask(stages / "look-behind" / f"{view.name}.unseen.png") for view in views]
     cluster = np.arange(len(views)) % 2
@@ -51,7 +51,7 @@ def test_the_fine_stage_shakes_no_gaussian(removed, tmp_path):
     source.opacity_logits[:50] = -8.0
     run = Run(tmp_path / "run", "remove", {})
     run.effects = removed.result.run.effects
-    targets = [Target(view.camera, torch.from_numpy(view.pixels)) for view in removed.scene.views]
+    targets = [Target(view.camera, torch.from_numpy(view.pixels)) for view in removed.working.views]
     nowhere = [np.zeros(view.pixels.shape[:2], bool) for view in removed.scene.views]
     prior, cluster = ExemplarPrior(), np.zeros(len(targets), int)
     found = fine.distil(
@@ -91,7 +91,7 @@ def test_distillation_moves_what_was_invented(removed, tmp_path):
     assert torch.equal(found.means[held], source.means[held])
     assert torch.equal(found.sh[held], source.sh[held])
     changes = []
-    for view, mask in zip(removed.scene.views, unseen, strict=True):
+    for view, mask in zip(removed.working.views, unseen, strict=True):
         with torch.no_grad():
             a, b = (render(g, view.camera).color.numpy() for g in (without, found))
         change = np.abs(a - b).mean(-1)

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from tiny_removal import SETTINGS
+from tiny_removal import SETTINGS, stage_splat
 
 from diga3d_warp import cli
 from diga3d_warp.errors import InputError
@@ -110,8 +110,7 @@ def test_a_repainted_object_changes_and_nothing_else(wooden, removed):
 
 
 def test_distillation_refines_the_repainted_object(wooden):
-    stages = wooden.run.folder / "stages"
-    coarse, fine = (Gaussians.load_ply(stages / name / "point_cloud.ply") for name in ("refit", "distil"))
+    coarse, fine = (stage_splat(wooden.run, name) for name in ("refit", "distil"))
     assert len(coarse) == len(fine)
     assert not torch.equal(coarse.sh, fine.sh)
 
@@ -162,8 +161,7 @@ def cube(removed, prior, tmp_path_factory):
 def test_an_imagined_object_appears_in_the_old_ones_place_only(cube, removed):
     assert stages_of(cube.run) == [*REMOVAL, "look", "imagine", "measure", "grow", "distil", "views"]
     check_changes(cube.run, removed)
-    stages = cube.run.folder / "stages"
-    cleared, grown = (Gaussians.load_ply(stages / name / "point_cloud.ply") for name in ("refit", "grow"))
+    cleared, grown = (stage_splat(cube.run, name) for name in ("refit", "grow"))
     check_first_rows(grown, cleared)
     check_first_rows(cube.gaussians, cleared)
     assert not torch.equal(cube.gaussians.sh, grown.sh), "refined"
@@ -172,7 +170,7 @@ def test_an_imagined_object_appears_in_the_old_ones_place_only(cube, removed):
 def test_around_the_masks_the_coarse_images_show_the_cleared_scene(cube, removed):
     """Anything else there, and the new gaussians would be fitted to the difference."""
     cleared = Gaussians.load_ply(cube.run.folder / "stages" / "refit" / "point_cloud.ply")
-    for view in removed.scene.views:
+    for view in removed.working.views:
         image = picture(cube.run, f"stages/imagine/{view.name}.png")
         before = picture_of(cleared, view.camera, cube.run.effects) / 255.0
         mask = picture(cube.run, f"masks/{view.name}.png")[..., 0] > 0.5
@@ -182,7 +180,7 @@ def test_around_the_masks_the_coarse_images_show_the_cleared_scene(cube, removed
 
 def test_no_gaussian_of_the_new_object_is_there_for_the_scene_around(cube, removed):
     """Beyond the masks and their seam the views with and without the new object hardly differ."""
-    cleared = Gaussians.load_ply(cube.run.folder / "stages" / "refit" / "point_cloud.ply")
+    cleared = stage_splat(cube.run, "refit")
     for view in removed.scene.views:
         mask = picture(cube.run, f"masks/{view.name}.png")[..., 0] > 0.5
         beyond = cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
@@ -202,8 +200,8 @@ def test_the_new_object_starts_on_the_old_ones_surface(cube, removed):
 def test_an_object_that_one_view_shows_grows_there(removed, tmp_path):
     """References are chosen among the views that show it; without seeds it would be in no view."""
     cleared = Gaussians.load_ply(removed.folder / "stages" / "refit" / "point_cloud.ply")
-    views = [view.with_mask(np.zeros_like(view.mask)) for view in removed.scene.views]
-    views[4] = removed.scene.views[4]
+    views = [view.with_mask(np.zeros_like(view.mask)) for view in removed.working.views]
+    views[4] = removed.working.views[4]
     run = Run(tmp_path / "run", "replace", {})
     references = choose_references(run, views, [view.mask for view in views], SAMPLED, 0)
     assert references.indices == [4] and not references.cluster.any()
@@ -220,7 +218,7 @@ def test_an_object_that_one_view_shows_grows_there(removed, tmp_path):
         for view in views
     ]
     settings = replace(GROW, iterations=2)
-    grown = grow(run, cleared, imagined, references, removed.scene.extent, settings, 0)
+    grown = grow(run, cleared, imagined, references, removed.working.extent, settings, 0)
     check_first_rows(grown, cleared)
 
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from tiny_removal import SETTINGS
+from tiny_removal import SETTINGS, stage_splat
 
 from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.gaussians.parameters import Gaussians
@@ -86,7 +86,7 @@ def test_only_the_object_and_what_it_shades_change(golden):
     held = np.load(folder / "place" / "held.npy")
     blocking = torch.from_numpy(np.load(folder / "place" / "blocking.npy"))
     assert blocking.float().mean() < 0.1
-    cleared = Gaussians.load_ply(folder / "distil" / "point_cloud.ply").select(~blocking)
+    cleared = stage_splat(golden.run, "distil").select(~blocking)
     kept = torch.from_numpy(held[: len(cleared)])
     assert 0.3 < kept.float().mean() < 1.0 and not held[len(cleared) :].any() and len(held) > len(cleared)
     for (name, now), (_, then) in zip(golden.gaussians.named(), cleared.named(), strict=True):

@@ -88,7 +88,7 @@ def test_other_gaussians_keep_their_bits_and_the_object_its_shape(golden, remove
             object_share(gaussians, view.camera, each).numpy() > 0.5
             for gaussians, each in ((golden.source, torch.from_numpy(rows)), (golden.gaussians, new))
         ]
-        assert (shapes[0] & shapes[1]).sum() > 0.8 * (shapes[0] | shapes[1]).sum()
+        assert (shapes[0] & shapes[1]).sum() > 0.75 * (shapes[0] | shapes[1]).sum()
 
 
 def test_resume_gives_the_same_bytes(golden, removed, tmp_path):

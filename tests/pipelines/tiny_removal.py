@@ -9,9 +9,12 @@ import cv2
 import numpy as np
 
 from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.working import to_user
 from diga3d_warp.pipelines.method import PAPER
 from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings
 from diga3d_warp.pipelines.request import EditResult
+from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.scene.scene import Scene
 
@@ -21,6 +24,12 @@ SETTINGS = RemoveSettings(
     distil=replace(DISTIL, iterations=10),
     method=replace(PAPER, sampling=SamplingSettings(steps=3)),
 )
+
+
+def stage_splat(run: Run, stage: str) -> Gaussians:
+    """What a stage made, in the user's world."""
+    working = Gaussians.load_ply(run.folder / "stages" / stage / "point_cloud.ply", every_row=True)
+    return to_user(working, run.frame)
 
 
 @dataclass(frozen=True)
@@ -36,6 +45,11 @@ class Removed:
     scene: Scene
     result: EditResult
     folder: Path
+
+    @property
+    def working(self) -> Scene:
+        """The scene in the working units of the stages."""
+        return self.result.run.frame.working_scene(self.scene)
 
     def picture(self, name: str) -> np.ndarray:
         """An image of the run folder or, for names that begin so, of the capture's ground truth."""

@@ -23,6 +23,10 @@ BORDER = 2.0
 """Points nearer to the image's border are not read [px]: the blur mirrors the image there."""
 
 
+POINT_SIZE = 1e-5
+"""Standard deviation of a point when it is projected [near planes]: far below a pixel at any depth."""
+
+
 @dataclass(frozen=True, eq=False)
 class Observations:
     """P points seen from V views.
@@ -62,7 +66,7 @@ def observe(scene: Scene, thresholds: Thresholds) -> Observations:
     sampling = np.full(shape, np.nan)
     for row, (view, pixels) in enumerate(zip(views, placed, strict=True)):
         offsets = positions[chosen] - view.camera.center
-        directions[row] = offsets / np.linalg.norm(offsets, axis=1, keepdims=True).clip(1e-12)
+        directions[row] = offsets / np.linalg.norm(offsets, axis=1, keepdims=True).clip(np.finfo(float).tiny)
         seen = np.nonzero(np.isfinite(pixels[chosen, 0]))[0]
         small = _small(view.camera, thresholds)
         colors[row, seen] = _read(view.pixels, small, pixels[chosen[seen]], thresholds)
@@ -88,12 +92,14 @@ def _small(camera: Camera, thresholds: Thresholds) -> Camera:
 def _place(positions: np.ndarray, view: View, thresholds: Thresholds) -> np.ndarray:
     """Pixels of points in the small image, shape (N, 2); NaN where outside, hidden, or not opaque."""
     small = _small(view.camera, thresholds)
-    means = torch.from_numpy(positions.astype(np.float32))
+    local = small.relative_to(small.center)
+    means = torch.from_numpy((positions - small.center).astype(np.float32))
     count = len(means)
     quaternions = means.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(count, 4)
     with torch.no_grad():
         # Points are gaussians far smaller than a pixel: the projection follows the lens and culls.
-        points = project(means, means.new_full((count, 3), -20.0), quaternions, means.new_zeros(count), small)
+        log_scales = means.new_full((count, 3), np.log(POINT_SIZE * small.near))
+        points = project(means, log_scales, quaternions, means.new_zeros(count), local)
     pixels, depths = points.centers.numpy(), points.depths.numpy()
     high = np.array([small.width, small.height]) - BORDER
     inside = points.visible.numpy() & ((pixels > BORDER) & (pixels < high)).all(1)

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.extent import central_cameras
 
 KEY_VIEWS = 16
 """Views that the path passes exactly. Handheld captures jitter from view to view; a path through all of them
@@ -24,7 +25,7 @@ def fly_through(cameras: Sequence[Camera], frames: int) -> list[Camera]:
 
     Centres and axes follow periodic cubic splines, the axes made orthonormal again. Where the cameras do not
     circle, the path goes there and back, slowing down at both ends. Either way the last frame leads to the
-    first, so that a video loops.
+    first, so that a video loops. Cameras far from all others are passed by.
 
     Args:
         cameras: At least one, in the order of capture.
@@ -33,7 +34,8 @@ def fly_through(cameras: Sequence[Camera], frames: int) -> list[Camera]:
     Returns:
         A camera for each frame, with the first camera's size and focal length, without lens distortion.
     """
-    keys = [cameras[i] for i in np.unique(np.linspace(0, len(cameras) - 1, KEY_VIEWS).round().astype(int))]
+    near = np.flatnonzero(central_cameras(np.stack([camera.center for camera in cameras])))
+    keys = [cameras[near[i]] for i in np.unique(np.linspace(0, len(near) - 1, KEY_VIEWS).round().astype(int))]
     pinhole = replace(keys[0], distortion=None)
     if len(keys) == 1:
         return [pinhole] * frames
@@ -59,7 +61,7 @@ def _steps(centers: np.ndarray, axes: np.ndarray) -> np.ndarray:
 
     Distance in units of the path's radius plus the turn in radians, so that speed follows both.
     """
-    radius = max(np.linalg.norm(centers - centers.mean(0), axis=1).max(), 1e-9)
+    radius = np.linalg.norm(centers - centers.mean(0), axis=1).max() or 1.0
     distance = np.linalg.norm(np.roll(centers, -1, 0) - centers, axis=1) / radius
     trace = np.einsum("kij,kij->k", np.roll(axes, -1, 0), axes)
     turn = np.arccos(np.clip((trace - 1) / 2, -1, 1))

@@ -33,7 +33,8 @@ class DensitySettings:
         spread: How far copies lie from the original's centre [its standard deviations]. They shrink by
             sqrt(1 - spread^2), so that all copies together have the covariance of the original; 0.8 gives
             0.6, the 1 / 1.6 of 3DGS's split.
-        noise: Size of the random walk, in learning rates of the means. 3DGS-MCMC: 5e5.
+        noise: Size of the random walk, in learning rates of the means [1 / scene extent^2]. 3DGS-MCMC: 5e5
+            [1 / scene unit^2], at extents of some 3 to 5 scene units.
         noise_steepness, noise_threshold: Gaussians below an opacity of 1 - threshold walk; the step falls by
             a sigmoid of this steepness. 3DGS-MCMC: 100 and 0.995.
         noise_opacity_max: Above this opacity the walk is shorter than 0.002 of its full length: not computed.
@@ -44,7 +45,7 @@ class DensitySettings:
     end: float = 0.75
     dead_opacity: float = 0.005
     spread: float = 0.8
-    noise: float = 5e5
+    noise: float = 5e6
     noise_steepness: float = 100.0
     noise_threshold: float = 0.995
     noise_opacity_max: float = 0.07
@@ -108,14 +109,15 @@ def spread_out(gaussians: Gaussians, spread: float, generator: torch.Generator) 
 
 @torch.no_grad()
 def walk(
-    gaussians: Gaussians, means_rate: float, settings: DensitySettings, generator: torch.Generator,
+    gaussians: Gaussians, relative_rate: float, settings: DensitySettings, generator: torch.Generator,
     held: torch.Tensor | None = None,
 ) -> None:  # fmt: skip
     """Shake faint gaussians within their own shape (3DGS-MCMC Eq. 8), so that they find something to show.
 
     Args:
         gaussians: Their means are moved in place.
-        means_rate: Learning rate of the means, the unit of the walk [scene units].
+        relative_rate: Learning rate of the means over the squared scene extent [1 / scene units], the unit of
+            the walk: times a covariance it is a length, so the walk is the same in any unit.
         settings: Size and gate of the walk.
         generator: Source of the noise.
         held: Gaussians that stay, shape (N,), bool.
@@ -126,7 +128,7 @@ def walk(
     kernels.walk(
         int(torch.randint(2**31 - 1, (), generator=generator)), shapes, warp_array(held, wp.bool),
         settings.noise_opacity_max, settings.noise_steepness, settings.noise_threshold,
-        settings.noise * means_rate, warp_array(gaussians.means, wp.vec3),
+        settings.noise * relative_rate, warp_array(gaussians.means, wp.vec3),
     )  # fmt: skip
 
 

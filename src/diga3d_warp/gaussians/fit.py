@@ -21,8 +21,10 @@ from diga3d_warp.gaussians.exposure import Exposures, exposed, unexposed
 from diga3d_warp.gaussians.losses import depth_loss, photometric_loss
 from diga3d_warp.gaussians.optimiser import GaussianAdam, LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.working import to_user, to_working
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.images import BACKGROUND
+from diga3d_warp.scene.working_frame import WorkingFrame
 from diga3d_warp.splatting.render import Rendering, render
 
 
@@ -187,7 +189,7 @@ def fit(
     The same arguments give the same bytes, also when the fit was interrupted and taken up again.
 
     Args:
-        gaussians: Where to start; not changed.
+        gaussians: Where to start; not changed. Means in float64 are fitted relative to their middle.
         targets: At least one.
         extent: Unit of position rates, `Scene.extent` [scene units].
         settings: How long and towards what.
@@ -209,6 +211,14 @@ def fit(
 
     if len(gaussians) == 0:
         raise InputError("there are no gaussians to fit: start from one at least")
+    if gaussians.means.dtype != gaussians.sh.dtype:
+        frame = WorkingFrame(gaussians.means.detach().mean(dim=0).cpu().numpy(), 1.0)
+        shifted = [replace(each, camera=each.camera.relative_to(frame.origin)) for each in targets]
+        result = fit(
+            to_working(gaussians, frame), shifted, extent, settings, effects=effects, seed=seed, held=held,
+            checkpoint=checkpoint, note=note, progress=progress, label=label,
+        )  # fmt: skip
+        return replace(result, gaussians=to_user(result.gaussians, frame))
     fitting = _Fit(gaussians, targets, extent, settings, seed, held, effects, label)
     if checkpoint is not None:
         fitting.go_on(checkpoint, note)
@@ -388,7 +398,7 @@ class _Fit:
             self.last_shown[placed] = self.iteration
             held = self._held(count)
         if done < density.end:
-            walk(self.optimiser.gaussians(), means_rate, density, self.generator, held)
+            walk(self.optimiser.gaussians(), means_rate / self.extent**2, density, self.generator, held)
 
     def _record(self, loss: float, color: torch.Tensor, wanted: torch.Tensor, weight) -> None:
         if weight is None:

@@ -24,8 +24,9 @@ FILL_OPACITY = 0.5
 FILL_WIDTH = 0.6
 """Its standard deviation [px]: neighbours at one pixel's distance then leave no gap."""
 
-SMALLEST = 1e-7
-"""Floor of the squared distance [scene units^2], as in 3DGS: points may coincide."""
+SMALLEST = 1e-2
+"""Least size of a gaussian [median distances between points]: points may coincide. 3DGS: 3e-4 scene units, of
+a median of some 0.02."""
 
 
 def initialise(points: Points, coefficients: int = 16) -> Gaussians:
@@ -34,6 +35,9 @@ def initialise(points: Points, coefficients: int = 16) -> Gaussians:
     Args:
         points: P points, at least one.
         coefficients: Spherical harmonics per gaussian, 1, 4, 9 or 16; those above the first are zero.
+
+    Returns:
+        Gaussians; their means are float64 where float32 cannot hold the positions.
 
     Raises:
         InputError: there is no point, or none with finite coordinates.
@@ -48,8 +52,9 @@ def initialise(points: Points, coefficients: int = 16) -> Gaussians:
         )
     nearest = min(NEIGHBOURS + 1, len(positions))
     distances, _ = cKDTree(positions).query(positions, k=np.arange(1, nearest + 1))
-    squared = (distances[:, 1:] ** 2).mean(axis=1) if nearest > 1 else np.ones(len(positions))
-    log_scales = 0.5 * np.log(np.maximum(squared, SMALLEST))
+    apart = np.sqrt((distances[:, 1:] ** 2).mean(axis=1)) if nearest > 1 else np.ones(len(positions))
+    usual = float(np.median(apart[apart > 0.0])) if (apart > 0.0).any() else 1.0
+    log_scales = np.log(np.maximum(apart, SMALLEST * usual))
     return _round(positions, log_scales, colors / 255.0, OPACITY, coefficients)
 
 
@@ -75,7 +80,7 @@ def from_image(
     pose = camera.pose
     positions = (local - pose[:3, 3]) @ pose[:3, :3]
     sizes = FILL_WIDTH * step * z / (0.5 * (camera.fx + camera.fy))
-    log_scales = np.log(np.maximum(sizes, 1e-12))
+    log_scales = np.log(np.maximum(sizes, np.finfo(np.float64).tiny))
     return _round(positions, log_scales, image[rows, columns], FILL_OPACITY, coefficients)
 
 
@@ -103,10 +108,11 @@ def _round(
     sh[:, 0] = (torch.from_numpy(np.asarray(colors, np.float32)) - 0.5) / C0
     quaternions = torch.zeros(count, 4)
     quaternions[:, 0] = 1.0
-    return Gaussians(
-        means=torch.from_numpy(positions.astype(np.float32)),
+    gaussians = Gaussians(
+        means=torch.from_numpy(np.asarray(positions, np.float64)),
         log_scales=torch.from_numpy(log_scales.astype(np.float32))[:, None].repeat(1, 3),
         quaternions=quaternions,
         opacity_logits=torch.full((count,), float(np.log(opacity / (1.0 - opacity)))),
         sh=sh,
     )
+    return gaussians.with_fitting_means()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
 
+from diga3d_warp.scene.formats.positions import needs_double
 from diga3d_warp.scene.formats.read import read_splat
 from diga3d_warp.scene.formats.rows import SplatRows
 from diga3d_warp.scene.formats.standard_ply import write_ply
@@ -27,7 +27,7 @@ class Gaussians:
         opacity_logits: Opacity is their sigmoid, shape (N,).
         sh: Spherical harmonics, shape (N, K, 3) with K = 1, 4, 9 or 16; colour is max(0, 0.5 + SH).
 
-    All are float32 on one device.
+    All are float32 on one device; means are float64 where float32 cannot hold them, as in UTM coordinates.
     """
 
     means: torch.Tensor
@@ -83,14 +83,22 @@ class Gaussians:
 
     @classmethod
     def from_rows(cls, rows: SplatRows) -> Gaussians:
-        """Gaussians of the rows of a splat file, positions rounded to float32."""
+        """Gaussians of the rows of a splat file, positions rounded to float32 where that holds them."""
         arrays = (getattr(rows, entry.name) for entry in fields(cls))
-        return cls(*(torch.from_numpy(np.array(array, np.float32)) for array in arrays))
+        means, *others = (torch.from_numpy(np.array(array)) for array in arrays)
+        return cls(means, *(tensor.float() for tensor in others)).with_fitting_means()
+
+    def with_fitting_means(self) -> Gaussians:
+        """The same gaussians, means in the type of the others unless float32 would move them visibly."""
+        rows = self.rows()
+        if needs_double(rows.means, rows.log_scales):
+            return self
+        return replace(self, means=self.means.to(self.sh.dtype))
 
     def rows(self) -> SplatRows:
         """The rows of a splat file, copied."""
-        means, *others = (tensor.detach().cpu().numpy().astype(np.float32) for _, tensor in self.named())
-        return SplatRows(means.astype(np.float64), *others)
+        means, *others = (tensor.detach().cpu().numpy() for _, tensor in self.named())
+        return SplatRows(means.astype(np.float64), *(array.astype(np.float32) for array in others))
 
     @classmethod
     def load_ply(cls, path: Path | str, *, every_row: bool = False) -> Gaussians:
@@ -111,8 +119,12 @@ class Gaussians:
         self,
         path: Path | str,
         *,
-        positions: Literal["float", "double"] = "float",
         antialiased: bool = False,
     ) -> None:
-        """Write a 3DGS .ply; see `scene.formats.standard_ply.write_ply`."""
-        write_ply(Path(path), self.rows(), positions=positions, antialiased=antialiased)
+        """Write a 3DGS .ply; see `scene.formats.standard_ply.write_ply`.
+
+        x, y and z are written as double where float32 cannot hold them.
+        """
+        rows = self.rows()
+        double = needs_double(rows.means, rows.log_scales)
+        write_ply(Path(path), rows, positions="double" if double else "float", antialiased=antialiased)

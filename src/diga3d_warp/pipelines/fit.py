@@ -68,9 +68,9 @@ def fit(
     run = request.open_run("fit", capture, settings.iterations)
     run.hold_to(**everything(capture, settings, request.seed, request.effects))
     capture = stages.begin(run, capture, request.effects)
-    gaussians = stages.fit_source(run, capture, settings, request.seed)
-    stages.show_views(run, capture, None, gaussians)
-    stages.finish(run, "fit")
+    fitted = stages.fit_source(run, capture, settings, request.seed)
+    stages.show_views(run, capture, None, fitted)
+    gaussians, _ = stages.finish(run, "fit")
     conclude(run, capture)
     return RunResult(gaussians, run)
 

@@ -130,8 +130,8 @@ def remove_object(
     stages.check_edit(scene, method.references)
     taken = take_out(scene, run, settings, prior, marks, seed, effects)
     stages.show_views(run, taken.scene, taken.source, taken.gaussians)
-    stages.finish(run, taken.stage)
-    return EditResult(taken.gaussians, run, taken.source)
+    edited, source = stages.finish(run, taken.stage)
+    return EditResult(edited, run, source)
 
 
 @dataclass(frozen=True, eq=False)

@@ -157,6 +157,7 @@ def _framed(camera: Camera, width: int, height: int) -> Camera:
         cy=camera.cy * scale + (height - camera.height * scale) / 2,
         world_to_camera=camera.world_to_camera,
         distortion=camera.distortion,
+        near=camera.near,
     )
 
 

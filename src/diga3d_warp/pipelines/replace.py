@@ -146,8 +146,8 @@ def replace_object(
         edited = _imagined(run, taken, sights, words, estimator, settings, seed)
         made = "distil" if method.distillation else "grow", stages.LIFT
     stages.show_views(run, taken.scene, taken.source, edited)
-    stages.finish(run, *made)
-    return EditResult(edited, run, taken.source)
+    edited, source = stages.finish(run, *made)
+    return EditResult(edited, run, source)
 
 
 def _placed(

@@ -147,7 +147,7 @@ def retexture_object(
         )  # fmt: skip
         last = "distil"
     stages.show_views(run, scene, source, edited)
-    stages.finish(run, last)
+    edited, source = stages.finish(run, last)
     return EditResult(edited, run, source)
 
 

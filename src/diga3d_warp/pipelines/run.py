@@ -24,6 +24,7 @@ from diga3d_warp.evaluation.record import MANIFEST, add_metrics, read_manifest
 from diga3d_warp.files import whole_file, write_json
 from diga3d_warp.pipelines import run_folder, stage_folder
 from diga3d_warp.pipelines.machine import describe_machine, package_versions, peak_mib, reset_peak
+from diga3d_warp.scene.working_frame import IDENTITY
 from diga3d_warp.state import STAGES, compute_again
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ class Run:
         command: What is run: the name of the subcommand.
         settings: Everything that the result depends on, as JSON data; a path in it is absolute.
         effects: What its stages simulate; `stages.begin` decides.
+        frame: The working units of its stages; `stages.begin` decides.
     """
 
     _held: FileLock | None = None
@@ -66,6 +68,7 @@ class Run:
         self.folder = folder
         self.command = command
         self.effects = Effects()
+        self.frame = IDENTITY
         self.settings = {key: _json_value(value) for key, value in settings.items()}
         self._began = time.perf_counter()
         if settings.get("scene"):

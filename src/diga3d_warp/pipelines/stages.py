@@ -27,6 +27,7 @@ from diga3d_warp.gaussians.initialise import initialise
 from diga3d_warp.gaussians.lift import LiftSettings, object_mask, object_rows, vote
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.thinning import thinned
+from diga3d_warp.gaussians.working import to_user, to_working
 from diga3d_warp.pipelines.method import Method
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.propagation.references import (
@@ -41,6 +42,7 @@ from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
 from diga3d_warp.scene.formats.read import read_splat
 from diga3d_warp.scene.images import BACKGROUND
 from diga3d_warp.scene.scene import Scene, View
+from diga3d_warp.scene.working_frame import WorkingFrame, with_near_planes
 from diga3d_warp.splatting.render import render
 from diga3d_warp.splatting.shade import coefficient_count
 from diga3d_warp.state import read_array, read_mask, read_picture, read_plane, read_state
@@ -110,21 +112,25 @@ def begin(run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = N
         overrides: Effects on which the user insists, by name.
 
     Returns:
-        The scene with the cameras to use: where the lens is not followed, they have none in any stage. Its
-        views have an alpha exactly if a background is simulated.
+        The scene with the cameras to use, in working units, as all stages have it; `finish` and the cameras
+        file give what is made in the user's world. Where the lens is not followed, cameras have none in any
+        stage. Views have an alpha exactly if a background is simulated.
     """
     for note in scene.notes:
         run.note(note)
+    run.frame = WorkingFrame.of(scene)
+    run.record("working_frame", run.frame.as_json())
+    working = run.frame.working_scene(scene)
 
     def compute(folder: Path) -> None:
         given = read_splat(scene.splat) if scene.splat else None
-        splat = Gaussians.from_rows(given.rows) if given else None
+        splat = to_working(Gaussians.from_rows(given.rows), run.frame) if given else None
         antialiased = given is not None and given.antialiased
-        plan = plan_effects(scene, splat, antialiased=antialiased, overrides=overrides)
+        plan = plan_effects(working, splat, antialiased=antialiased, overrides=overrides)
         if antialiased and plan.effects.antialias:
             run.note("the splat was fitted with anti-aliasing, and is drawn with it")
-        drawn = splat or initialise(thinned(scene.points, PRICED_MOST))
-        write_json(folder / PLAN, priced(plan, drawn, scene.views[0].camera).as_json())
+        drawn = splat or initialise(thinned(working.points, PRICED_MOST))
+        write_json(folder / PLAN, priced(plan, drawn, working.views[0].camera).as_json())
 
     data = read_state(run.stage("effects", compute) / PLAN, EffectsRecord)
     plan = EffectsPlan.from_json(data)
@@ -132,10 +138,9 @@ def begin(run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = N
     run.record("effects", data)
     print(plan.table().text(), file=sys.stderr)
     if not plan.effects.lens:
-        scene = scene.without_lens()
-    scene = scene.with_alpha(plan.effects.background)
-    save_cameras(run.folder / CAMERAS, CameraSet.of(scene))
-    return scene
+        scene, working = scene.without_lens(), working.without_lens()
+    save_cameras(run.folder / CAMERAS, CameraSet.of(with_near_planes(scene)))
+    return working.with_alpha(plan.effects.background)
 
 
 def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaussians:
@@ -144,7 +149,7 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
     def compute(folder: Path) -> None:
         if scene.splat is not None:
             run.note(f"{scene.splat.name} is taken as it is, not fitted again")
-            given = Gaussians.from_rows(read_splat(scene.splat).rows)
+            given = to_working(Gaussians.from_rows(read_splat(scene.splat).rows), run.frame)
             given.save_ply(folder / GAUSSIANS, antialiased=run.effects.antialias)
             write_json(folder / CURVE, {"curve": []})
             return
@@ -381,18 +386,32 @@ def show_views(run: Run, scene: Scene, before: Gaussians | None, after: Gaussian
     _publish_pictures(run, run.stage("views", compute), "views")
 
 
-def finish(run: Run, result: str, masks: str = LIFT) -> None:
-    """Publish the splats and the masks of a run.
+def finish(run: Run, result: str, masks: str = LIFT) -> tuple[Gaussians, Gaussians]:
+    """Publish the splats, in the user's world, and the masks of a run.
 
     Args:
         run: Whose.
         result: The stage that made the final splat.
         masks: The stage that made the masks of all that was edited.
+
+    Returns:
+        The final splat and the one before the edit, which for a fit is the same.
     """
-    run.publish(run.folder / "stages" / result / GAUSSIANS, RESULT)
-    if result != "fit":
-        run.publish(run.folder / "stages" / "fit" / GAUSSIANS, SOURCE)
-        _publish_pictures(run, run.folder / "stages" / masks / "masks", "masks")
+    if result == "fit":
+        fitted = _publish_splat(run, result, RESULT)
+        return fitted, fitted
+    _publish_pictures(run, run.folder / "stages" / masks / "masks", "masks")
+    source = _publish_splat(run, "fit", SOURCE)
+    return _publish_splat(run, result, RESULT), source
+
+
+def _publish_splat(run: Run, stage: str, name: str) -> Gaussians:
+    working = Gaussians.load_ply(run.folder / "stages" / stage / GAUSSIANS, every_row=True)
+    gaussians = to_user(working, run.frame)
+    gaussians.save_ply(run.folder / name, antialiased=run.effects.antialias)
+    if gaussians.means.dtype == torch.float64:
+        run.note(f"{name} holds x, y, z as double: the scene lies too far from the origin for float32")
+    return gaussians
 
 
 def _publish_pictures(run: Run, source: Path, name: str) -> None:

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.scene.extent import central_cameras
 
 RESTARTS = 10
 """K-means runs from different starts; the best is kept, since a single run may end in a poor split. 10 is
@@ -55,7 +56,7 @@ def select_references(
 
     "kmeans" clusters the centres and takes the view nearest to the middle of each cluster, as the paper does.
     "random" draws the views: what k-means is compared with. Both then give every view to its nearest
-    reference.
+    reference. A camera far from all others is no reference, as long as there are enough others.
 
     Args:
         centers: Camera centres in world space [scene units], shape (N, 3).
@@ -75,6 +76,8 @@ def select_references(
     if len(among) == 0:
         raise InputError("no view shows anything to edit: mask an object that the views show")
     count = min(count, len(among))
+    central = among[central_cameras(centers)[among]]
+    among = among if len(central) < count else central
     generator = np.random.default_rng(seed)
     if method == "kmeans":
         indices = among[_nearest_to_means(centers[among], count, generator)]
@@ -109,7 +112,7 @@ def usable_views(areas: Sequence[np.ndarray]) -> list[bool]:
 def _nearest_to_means(centers: np.ndarray, count: int, generator: np.random.Generator) -> np.ndarray:
     from scipy.cluster.vq import kmeans2
 
-    scale = max(float(np.ptp(centers, axis=0).max()), 1e-12)
+    scale = float(np.ptp(centers, axis=0).max()) or 1.0
     points = (centers - centers.mean(0)) / scale
     best, best_error = points[:count], np.inf
     for _ in range(RESTARTS):

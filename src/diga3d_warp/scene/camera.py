@@ -74,6 +74,8 @@ class Camera:
         world_to_camera: Rigid transform from world to camera space, shape (4, 4), float64. A tensor that
             requires gradient receives one from `render`; anything array-like is accepted.
         distortion: Lens distortion, or None for a pinhole camera.
+        near: Nearest depth that is drawn [scene units]. `load_scene` sets it to `config.Splatting.near` times
+            the extent of the scene; the default suits scenes of a few units.
         intrinsics: (fx, fy, cx, cy) [px], shape (4,), float64; see `with_intrinsics`.
 
     Raises:
@@ -89,6 +91,7 @@ class Camera:
     cy: float
     world_to_camera: torch.Tensor
     distortion: Distortion | None = None
+    near: float = SPLATTING.near
     intrinsics: torch.Tensor = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -98,6 +101,8 @@ class Camera:
         numbers = (self.fx, self.fy, self.cx, self.cy)
         if not (np.isfinite(numbers).all() and bool(torch.isfinite(pose).all())):
             raise InputError("a camera holds a number that is not finite")
+        if not 0.0 < self.near < SPLATTING.coordinate_max:
+            raise InputError(f"a near plane at {self.near:g} units must lie in front of the camera")
         if not (self.width > 0 and self.height > 0 and self.fx > 0 and self.fy > 0):
             raise InputError(
                 f"a camera of {self.width} x {self.height} px with focal lengths "
@@ -150,6 +155,17 @@ class Camera:
         """The same camera at another pose."""
         moved = replace(self, world_to_camera=torch.as_tensor(world_to_camera))
         return moved.with_intrinsics(self.intrinsics)
+
+    def with_near(self, near: float) -> Camera:
+        """The same camera with another near plane [scene units]."""
+        return replace(self, near=near).with_intrinsics(self.intrinsics)
+
+    def relative_to(self, origin: np.ndarray) -> Camera:
+        """The same camera in a world whose origin lies at `origin`, shape (3,)."""
+        rotation = self.world_to_camera[:3, :3]
+        pose = self.world_to_camera.clone()
+        pose[:3, 3] = pose[:3, 3] + rotation @ torch.as_tensor(origin).to(rotation)
+        return self.with_pose(pose)
 
     def with_intrinsics(self, intrinsics: torch.Tensor | np.ndarray) -> Camera:
         """The same camera with other focal lengths and principal point.

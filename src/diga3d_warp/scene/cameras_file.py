@@ -1,8 +1,8 @@
 """Cameras of a run as JSON: the file that 3DGS viewers read, with a few keys more so that nothing is lost.
 
 The original 3DGS writes one entry an image: id, img_name, width, height, position (camera centre), rotation
-(camera to world, rows), fx, fy. Added here: cx, cy, distortion and split ("train" or "test"). A file without
-them is read as pinhole training cameras with a centred principal point.
+(camera to world, rows), fx, fy. Added here: cx, cy, distortion, near (the near plane) and split ("train" or
+"test"). A file without them is read as pinhole training cameras with a centred principal point.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any
 
 import torch
 
+from diga3d_warp.config import SPLATTING
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import read_json, write_json
 from diga3d_warp.scene.camera import Camera, Distortion
@@ -95,6 +96,7 @@ def _entry(camera: Camera) -> dict[str, Any]:
         "fy": camera.fy,
         "cx": camera.cx,
         "cy": camera.cy,
+        "near": camera.near,
         "distortion": lens and {"kind": lens.kind, "coefficients": list(lens.coefficients)},
     }
 
@@ -114,7 +116,7 @@ def _camera(entry: Entries) -> tuple[str, str, Camera]:
         if entry.number(coefficient):
             raise InputError(f"{coefficient} is {entry.number(coefficient):g}, but 3DGS cameras have no lens")
     width, height = round(entry.needed("width")), round(entry.needed("height"))
-    cx, cy = entry.number("cx"), entry.number("cy")
+    cx, cy, near = (entry.number(key) for key in ("cx", "cy", "near"))
     camera = Camera(
         width=width,
         height=height,
@@ -124,6 +126,7 @@ def _camera(entry: Entries) -> tuple[str, str, Camera]:
         cy=height / 2 if cy is None else cy,
         world_to_camera=torch.from_numpy(world_to_camera(rotation.reshape(3, 3), position)),
         distortion=_lens(entry.get("distortion")),
+        near=SPLATTING.near if near is None else near,
     )
     return str(name), split, camera
 

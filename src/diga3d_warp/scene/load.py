@@ -35,6 +35,7 @@ from diga3d_warp.scene.scene import Points, Reading, Scene, View
 from diga3d_warp.scene.sfm import map_images, shrink, triangulate
 from diga3d_warp.scene.sources import Source, find_sources
 from diga3d_warp.scene.splat import other_formats, read_splat_cameras
+from diga3d_warp.scene.working_frame import WorkingFrame, with_near_planes
 
 T = TypeVar("T")
 
@@ -143,7 +144,7 @@ def load_scene(
     if problem is not None:
         test = test if mask_files.ground_truth else [view.with_mask(None) for view in test]
         notes.append(f"masks are not used: {problem}")
-    return Scene(
+    scene = Scene(
         path,
         capture.kind,
         train,
@@ -156,6 +157,7 @@ def load_scene(
         mask_problem=problem,
         may_be_seen=may_be_seen,
     )
+    return with_near_planes(scene)
 
 
 def _read(found: Recognised, progress: bool) -> Capture:
@@ -232,9 +234,13 @@ def _with_points(
 
 
 def _triangulate(views: Mapping[str, View], test: frozenset[str], progress: bool) -> Points:
+    """Points of the training views, found around the origin: millions of units away float64 would not do."""
     numbered = _numbered([view for key, view in views.items() if key not in test])
+    frame = WorkingFrame.of_cameras([view.camera for view in numbered.values()])
     pixels = {number: view.pixels for number, view in numbered.items()}
-    return triangulate(pixels, {number: view.camera for number, view in numbered.items()}, progress)
+    cameras = {number: frame.working_camera(view.camera) for number, view in numbered.items()}
+    found = triangulate(pixels, cameras, progress)
+    return Points(frame.to_user(found.positions), found.colors)
 
 
 def _numbered(items: Sequence[T]) -> dict[str, T]:

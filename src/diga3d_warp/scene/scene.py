@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.extent import middle_and_extent
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,21 +115,29 @@ class Scene:
 
     @property
     def extent(self) -> float:
-        """Radius of the camera centres around their mean, 1.1 times the largest [scene units].
+        """Size of the capture [scene units]: 1.1 times the radius of its camera centres, as in 3DGS
+        (`getNerfppNorm`), without cameras far from all others; see `extent.middle_and_extent`.
 
-        The unit of position learning rates, as in 3DGS (`getNerfppNorm`). At least 1e-3, so that a single
-        camera still has a scale.
+        The unit of position learning rates, of the near plane and of working units.
         """
-        centers = np.stack([view.camera.center for view in self.views])
-        return max(1.1 * float(np.linalg.norm(centers - centers.mean(0), axis=1).max()), 1e-3)
+        return middle_and_extent(self.centers, self.points.positions)[1]
+
+    @property
+    def centers(self) -> np.ndarray:
+        """Camera centres of the training views [scene units], shape (V, 3), float64."""
+        return np.stack([view.camera.center for view in self.views])
+
+    def with_cameras(self, change: Callable[[Camera], Camera]) -> Scene:
+        """The same scene with `change` applied to the camera of every view."""
+
+        def changed(view: View) -> View:
+            return replace(view, camera=change(view.camera))
+
+        return replace(self, views=[*map(changed, self.views)], test_views=[*map(changed, self.test_views)])
 
     def without_lens(self) -> Scene:
         """The same scene with pinhole cameras of the same intrinsics."""
-
-        def pinhole(view: View) -> View:
-            return replace(view, camera=view.camera.without_lens())
-
-        return replace(self, views=[*map(pinhole, self.views)], test_views=[*map(pinhole, self.test_views)])
+        return self.with_cameras(Camera.without_lens)
 
     def with_alpha(self, known: bool) -> Scene:
         """The same scene with the alpha of every view spelled out, or with none: all as if opaque."""

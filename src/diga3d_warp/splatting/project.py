@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import torch
 import warp as wp
 
-from diga3d_warp.config import POSE_GROUP, Accuracy, Effects
+from diga3d_warp.config import POSE_GROUP, SPLATTING, Accuracy, Effects
 from diga3d_warp.kernels import projection
 from diga3d_warp.kernels.cameras import lens_model
 from diga3d_warp.kernels.footprint import Projecting
@@ -69,6 +69,9 @@ def project(
     The slope of depth is cov(z, pixel) Sigma'^-1: the affine camera makes (pixel, z) jointly gaussian, and
     the largest response along a ray is at the mean of z given the pixel.
 
+    Kernels draw from depth `Splatting.near` on. A camera with another near plane projects in a world that is
+    scaled by the ratio of the two; only depths differ there.
+
     Args:
         means: World positions [scene units], shape (N, 3).
         log_scales: Logarithms of the standard deviations, shape (N, 3).
@@ -86,17 +89,31 @@ def project(
     kind = Projecting.of(optics.lens_kind, accuracy, effects)
     dtype = getattr(torch, accuracy.precision)
     parameters = [tensor.to(dtype) for tensor in (means, log_scales, quaternions, opacity_logits)]
-    return Projection(*_Project.apply(*parameters, *camera_rows(camera, parameters[0]), optics, kind))
+    unit = camera.near / SPLATTING.near
+    poses, intrinsics = camera_rows(camera, parameters[0], unit)
+    projection = Projection(*_Project.apply(*parameters, poses, intrinsics, optics, kind))
+    return projection if unit == 1.0 else _with_depth_unit(projection, unit)
 
 
-def camera_rows(camera: Camera, means: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def camera_rows(camera: Camera, means: torch.Tensor, unit: float = 1.0) -> tuple[torch.Tensor, torch.Tensor]:
     """Pose (G, 4, 4) and intrinsics (G, 4), one row for each group of gaussians, in the type of `means`.
 
-    Rows are equal; torch adds up their gradients.
+    Rows are equal; torch adds up their gradients. Camera space is measured in `unit` [scene units].
     """
     groups = group_count(means)
-    pose, intrinsics = camera.world_to_camera.to(means), camera.intrinsics.to(means)
+    pose, intrinsics = camera.world_to_camera, camera.intrinsics.to(means)
+    if unit != 1.0:
+        pose = pose / pose.new_tensor([[unit], [unit], [unit], [1.0]])
+    pose = pose.to(means)
     return pose.expand(groups, 4, 4), intrinsics.expand(groups, 4)
+
+
+def _with_depth_unit(projection: Projection, unit: float) -> Projection:
+    """The projection with depths in scene units, from depths in `unit` of them."""
+    slopes = projection.depth_slopes
+    return projection._replace(
+        depths=projection.depths * unit, depth_slopes=None if slopes is None else slopes * unit
+    )
 
 
 def group_count(means: torch.Tensor) -> int:

@@ -53,6 +53,10 @@ def render(
     Gradients reach every parameter of the gaussians, the background, `camera.world_to_camera` and
     `camera.intrinsics`. Results are in the accuracy's precision.
 
+    Kernels hold positions as float32. Means in float64, as `Gaussians.load_ply` returns them for coordinates
+    that float32 cannot hold, are taken relative to the camera first, in float64. Float32 means far from the
+    origin were rounded before: shift such a scene to the origin.
+
     Args:
         gaussians: N gaussians, on CPU or CUDA.
         camera: Pinhole or with lens distortion, which is applied inside the projection.
@@ -67,16 +71,15 @@ def render(
     degree = degree_of(gaussians.sh)
     if effects.sh_degree is not None:
         degree = min(degree, effects.sh_degree)
+    means, camera = near_origin(gaussians.means, camera, accuracy)
     projection = project(
-        gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, camera,
+        means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, camera,
         accuracy=accuracy, effects=effects,
     )  # fmt: skip
-    colors = shade(gaussians.means, gaussians.sh, projection.extents, camera, degree)
+    colors = shade(means, gaussians.sh, projection.extents, camera, degree)
     facing = None
     if effects.normals:
-        facing = orient(
-            gaussians.means, gaussians.log_scales, gaussians.quaternions, projection.extents, camera
-        )
+        facing = orient(means, gaussians.log_scales, gaussians.quaternions, projection.extents, camera)
     blended = composite(
         projection, colors, camera.width, camera.height, accuracy=accuracy, effects=effects,
         normals=facing, median_depth=effects.median_depth,
@@ -90,9 +93,23 @@ def render(
     weight = alpha.clamp_min(0.5 * accuracy.alpha_min)
     depth = blended.depth_sum / weight
     normals = None if blended.normal_sum is None else blended.normal_sum / weight[..., None]
-    own = gaussians.means.dtype
+    own = gaussians.sh.dtype
     median_depth = blended.median_depth
     return Rendering(
         color.to(own), alpha.to(own), depth.to(own), projection,
         None if median_depth is None else median_depth.to(own), None if normals is None else normals.to(own),
     )  # fmt: skip
+
+
+def near_origin(means: torch.Tensor, camera: Camera, accuracy: Accuracy) -> tuple[torch.Tensor, Camera]:
+    """Means and camera as float32 kernels take them: float64 means relative to the camera's centre.
+
+    Args:
+        means: World positions [scene units], shape (N, 3).
+        camera: Where they are seen from.
+        accuracy: Kernels in float64 take everything as it is.
+    """
+    if means.dtype != torch.float64 or accuracy.precision == "float64":
+        return means, camera
+    center = camera.center
+    return means - torch.from_numpy(center).to(means), camera.relative_to(center)
