@@ -116,3 +116,11 @@ def test_depth_is_normalised_within_the_window(images, masks):
         depth[:2] = 0.01
     edited(images, masks, [0], prior, controls=[ViewControl("depth", depths, 1.0)])
     assert seen and set(seen) == {(0.0, 1.0)}
+
+
+def test_a_view_of_nothing_but_the_object_is_edited_too(images, masks):
+    """A close-up has nothing around its mask, but itself to start from, and references to attend to."""
+    masks[1][:] = True
+    results = edited(images, masks, [0, 3])
+    assert results[1].isfinite().all() and not torch.equal(results[1], images[1])
+    assert torch.equal(results[2], images[2])

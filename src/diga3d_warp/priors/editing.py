@@ -51,7 +51,7 @@ def edit_views(
         The views in their order, shape (H, W, 3), float32 in [0, 1]; unmasked pixels are exactly those given.
 
     Raises:
-        InputError: no view has a mask, a reference has none, or a mask covers all of its view.
+        InputError: no view has a mask, or a reference has none.
     """
     settings = settings or SamplingSettings()
     windows = Windows.around(masks, prior)

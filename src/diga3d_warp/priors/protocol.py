@@ -167,16 +167,25 @@ class DiffusionPrior(Prior, Protocol):
         ...
 
 
+def check_shapes(image: torch.Tensor, mask: torch.Tensor) -> None:
+    """Refuse an image and a mask that are not of one size.
+
+    Raises:
+        InputError: the shapes do not fit.
+    """
+    if image.ndim != 3 or image.shape[2] != 3 or mask.shape != image.shape[:2]:
+        raise InputError(
+            f"image {tuple(image.shape)} and mask {tuple(mask.shape)} do not fit: give (H, W, 3) and (H, W)"
+        )
+
+
 def check_fill(image: torch.Tensor, mask: torch.Tensor) -> None:
     """Refuse what no prior can fill.
 
     Raises:
         InputError: the mask covers everything, or the shapes do not fit.
     """
-    if image.ndim != 3 or image.shape[2] != 3 or mask.shape != image.shape[:2]:
-        raise InputError(
-            f"image {tuple(image.shape)} and mask {tuple(mask.shape)} do not fit: give (H, W, 3) and (H, W)"
-        )
+    check_shapes(image, mask)
     if bool(mask.all()):
         raise InputError(
             "the mask covers the whole image, which leaves nothing to continue from: give a smaller mask"

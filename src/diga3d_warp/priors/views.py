@@ -15,7 +15,7 @@ from diga3d_warp.perception.resampling import resize_images, resize_masks
 from diga3d_warp.priors.conditioning import Conditioning, Control, ControlKind, Guidance
 from diga3d_warp.priors.inversion import invert
 from diga3d_warp.priors.plan import plan_sampling
-from diga3d_warp.priors.protocol import DiffusionPrior, check_fill
+from diga3d_warp.priors.protocol import DiffusionPrior, check_fill, check_shapes
 from diga3d_warp.priors.sampling import ViewLatents, initial_noise, sample_views
 from diga3d_warp.priors.settings import SamplingSettings
 
@@ -81,7 +81,8 @@ def inpaint_views(
         The views in their order, shape (H, W, 3), float32 in [0, 1]; unmasked pixels are exactly those given.
 
     Raises:
-        InputError: shapes do not fit, a mask covers everything, or references are not among the views. Raised
+        InputError: shapes do not fit, a mask covers everything without a source, or references are not among
+            the views. Raised
             when the first view is requested.
     """
     settings = settings or SamplingSettings()
@@ -141,7 +142,7 @@ def _encode(
     first = schedule.timesteps(settings.steps, settings.strength)[0]
     for index in range(len(images)):
         image, mask = images[index], masks[index]
-        check_fill(image, mask)
+        (check_fill if source is None else check_shapes)(image, mask)
         pixels = resize_images(image[None].to(prior.device), size)
         cond = prior.conditioning(pixels, resize_masks(mask[None].to(prior.device), size))
         along = [control.at(index, size, prior.device) for control in controls]

@@ -35,7 +35,7 @@ def propagate_appearance(
     say: Callable[[str], None] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> list[Fill]:
-    """Invent the hole of every view but the references anew.
+    """Inpaint the hole of every view but the references anew.
 
     Args:
         prior: What invents, towards its own prompts.
@@ -55,7 +55,9 @@ def propagate_appearance(
     """
     found = list(fills)
     fixed = set(references.indices)
-    others = [i for i, at in enumerate(backgrounds) if i not in fixed and at.unseen.any()]
+    # A view of nothing else has nothing to start from: it keeps the warped fill.
+    open_views = [at.unseen.any() and not at.unseen.all() for at in backgrounds]
+    others = [i for i, shows in enumerate(open_views) if i not in fixed and shows]
     if not others:
         return found
     rows = [*references.indices, *others] if attend else others
