@@ -12,7 +12,7 @@ from diga3d_warp.bench.ablation.trials import FULL, GROUPS, Trial
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.metrics import Score
 from diga3d_warp.gaussians.fit import FitSettings
-from diga3d_warp.pipelines.method import CARRIED, PAPER
+from diga3d_warp.pipelines.method import PAPER, WARPED
 from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings
 from diga3d_warp.priors.classical import ClassicalPrior
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
@@ -31,7 +31,7 @@ TRIALS = {
     "full": Trial(QUICK),
     "without TG-SDS": Trial(replace(QUICK, distillation=None)),
     "weight 0": Trial(replace(QUICK, afp_weight=0.0)),
-    "classical": Trial(replace(CARRIED, references=2), prior="classical"),
+    "classical": Trial(replace(WARPED, references=2), prior="classical"),
     "missing": Trial(QUICK, prior="sd-inpainting"),
 }
 
@@ -160,7 +160,7 @@ def test_priors_without_weights_are_a_reason(monkeypatch):
         return ClassicalPrior()
 
     monkeypatch.setattr(measure, "load_prior", load)
-    trials = [FULL, Trial(prior="powerpaint"), Trial(CARRIED, prior="classical")]
+    trials = [FULL, Trial(prior="powerpaint"), Trial(WARPED, prior="classical")]
     for cuda, reason in ((False, "CUDA"), (True, "not on this machine")):
         monkeypatch.setattr(measure.torch.cuda, "is_available", lambda cuda=cuda: cuda)
         found = priors_of(trials)

@@ -18,7 +18,7 @@ from diga3d_warp.evaluation.protocols import evaluate
 from diga3d_warp.evaluation.record import RESULT, read_manifest, run_effects
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.pipelines.method import CARRIED
+from diga3d_warp.pipelines.method import WARPED
 from diga3d_warp.pipelines.remove import REFIT, remove_object
 from diga3d_warp.pipelines.render import render_path
 from diga3d_warp.pipelines.replace import SETTLE, ReplaceSettings, replace_object
@@ -90,7 +90,7 @@ def test_a_finished_fit_is_resumed_to_the_same_bytes(fitted, cutout):
 
 
 FEW = FitSettings(iterations=300, budget=4000)
-REMOVAL = replace(SETTINGS, fit=FEW, refit=replace(REFIT, iterations=100), method=CARRIED)
+REMOVAL = replace(SETTINGS, fit=FEW, refit=replace(REFIT, iterations=100), method=WARPED)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from tiny_removal import SETTINGS
 from diga3d_warp.evaluation.record import REPORT, read_manifest, read_metrics
 from diga3d_warp.evaluation.tables import Table
 from diga3d_warp.pipelines import demo
-from diga3d_warp.pipelines.method import CARRIED
+from diga3d_warp.pipelines.method import WARPED
 from diga3d_warp.priors.classical import telea_fill
 from diga3d_warp.scene.images import read_image
 
@@ -37,7 +37,7 @@ def small_demo(tmp_path_factory):
     out = tmp_path_factory.mktemp("demo")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(demo, "ROOM", replace(demo.ROOM, width=96, height=72, views=9, supersampling=1))
-        patch.setattr(demo, "SETTINGS", replace(SETTINGS, method=CARRIED))
+        patch.setattr(demo, "SETTINGS", replace(SETTINGS, method=WARPED))
         patch.setattr("diga3d_warp.pipelines.remove.ExemplarPrior", QuickPrior)
         patch.setattr("diga3d_warp.pipelines.replace.ExemplarPrior", QuickPrior)
         demo.run_demo(out)

@@ -20,7 +20,7 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines.free_text import FreeText
 from diga3d_warp.pipelines.imagining import Imagined, grow
-from diga3d_warp.pipelines.method import CARRIED, PAPER
+from diga3d_warp.pipelines.method import PAPER, WARPED
 from diga3d_warp.pipelines.remove import DISTIL
 from diga3d_warp.pipelines.replace import GROW, ReplaceSettings, replace_object
 from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retexture_object
@@ -135,8 +135,8 @@ def test_without_propagation_views_are_edited_alone(prior):
     alone = FreeText.of(prior, "a vase", "", "retexture", replace(SAMPLED, propagation="none"))
     together = FreeText.of(prior, "a vase", "", "retexture", SAMPLED)
     assert (alone.sampling.afp_weight, together.sampling.afp_weight) == (0.0, 0.6)
-    with pytest.raises(InputError, match="not carried by depth"):
-        FreeText.of(prior, "a vase", "", "retexture", CARRIED)
+    with pytest.raises(InputError, match="cannot be warped by depth"):
+        FreeText.of(prior, "a vase", "", "retexture", WARPED)
 
 
 REMOVAL = ("effects", "fit", "lift", "clear", "look-behind", "references", "fill", "propagate", "refit")

@@ -14,8 +14,8 @@ from tiny_removal import SETTINGS
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.perception.segmentation import TextSegmenter
-from diga3d_warp.pipelines.carrying import SHEET
 from diga3d_warp.pipelines.marking import Marks, Words, glance, mark
+from diga3d_warp.pipelines.mask_propagation import SHEET
 from diga3d_warp.pipelines.remove import remove_object
 from diga3d_warp.pipelines.run import Run
 
@@ -61,13 +61,13 @@ def test_words_mark_the_object(removed, models, hits, tmp_path):
 
     manifest = read_manifest(run.folder)
     stages = [stage["name"] for stage in manifest["stages"]]
-    assert stages[:5] == ["find", "effects", "fit", "carry", "lift"]
+    assert stages[:5] == ["find", "effects", "fit", "propagate-masks", "lift"]
     (note,) = [note for note in manifest["notes"] if "mask prompt" in note]
     assert "finds nothing in 1 of 7 views" in note and note.endswith(f": {names[3]}")
     sheet = cv2.imread(str(run.folder / SHEET))
     assert sheet is not None and sheet.std() > 20
     for view in removed.scene.views:
-        mask = cv2.imread(str(run.folder / "stages" / "carry" / f"{view.name}.png"), 0) > 127
+        mask = cv2.imread(str(run.folder / "stages" / "propagate-masks" / f"{view.name}.png"), 0) > 127
         overlap = (mask & view.mask).sum() / (mask | view.mask).sum()
         assert overlap == 1.0 if view.name != names[3] else overlap > 0.45
     before, after = (removed_picture(run, side, names[3]) for side in ("before", "after"))

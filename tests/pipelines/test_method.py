@@ -3,14 +3,14 @@
 import pytest
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.pipelines.method import CARRIED, PAPER, Choices, Method, usual_method
+from diga3d_warp.pipelines.method import PAPER, WARPED, Choices, Method, usual_method
 from diga3d_warp.priors.classical import ClassicalPrior
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 
 
 def test_a_prior_without_noise_estimates_carries_the_fill():
-    assert usual_method(ClassicalPrior()) == CARRIED
-    assert Choices(prior="classical").choose_method(ClassicalPrior()) == CARRIED
+    assert usual_method(ClassicalPrior()) == WARPED
+    assert Choices(prior="classical").choose_method(ClassicalPrior()) == WARPED
 
 
 @pytest.mark.parametrize("choices", [{"propagation": "attention"}, {"propagation": "none"}, {"tg_sds": True}])
@@ -60,4 +60,4 @@ def test_the_manifest_tells_the_switches():
     assert PAPER.summary() == {
         "references": 3, "selection": "kmeans", "propagation": "attention", "tg_sds": True,
     }  # fmt: skip
-    assert CARRIED.summary()["tg_sds"] is False
+    assert WARPED.summary()["tg_sds"] is False

@@ -9,7 +9,7 @@ from tiny_removal import SETTINGS, Removed
 
 import diga3d_warp as d3
 from diga3d_warp.pipelines import remove as removal
-from diga3d_warp.pipelines.method import CARRIED
+from diga3d_warp.pipelines.method import WARPED
 
 README = Path(__file__).parents[2] / "README.md"
 
@@ -17,7 +17,7 @@ TINY = replace(
     SETTINGS,
     fit=replace(SETTINGS.fit, iterations=40),
     refit=replace(SETTINGS.refit, iterations=5),
-    method=CARRIED,
+    method=WARPED,
 )
 
 

@@ -12,7 +12,7 @@ from test_fill import CAMERAS, background, floor_color, floor_points
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.propagation.appearance import propagate_appearance
-from diga3d_warp.propagation.fill import Fill, carry
+from diga3d_warp.propagation.fill import Fill, warp_fills
 from diga3d_warp.propagation.references import References
 
 TINT = np.array([0.0, 0.0, 0.5], np.float32)
@@ -40,7 +40,7 @@ def fills(backgrounds, depths):
     image[unseen] = (floor_color(floor_points(CAMERAS[0])[0]) + TINT)[unseen]
     depth = np.where(unseen, depths[0], 0.0).astype(np.float32)
     first = Fill(image, depth, unseen, unseen, np.zeros_like(unseen))
-    return carry(CAMERAS, backgrounds, depths, REFERENCES, [first])
+    return warp_fills(CAMERAS, backgrounds, depths, REFERENCES, [first])
 
 
 def propagated(fills, backgrounds, depths, sampling=QUICK, **options):

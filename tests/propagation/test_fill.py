@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from diga3d_warp.propagation.fill import Fill, carry, fill_references, invent
+from diga3d_warp.propagation.fill import Fill, fill_references, invent, warp_fills
 from diga3d_warp.propagation.references import References
 from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.scene.camera import Camera, look_at
@@ -135,7 +135,7 @@ def test_the_second_reference_tells_the_story_of_the_first(filled):
 
 def test_unmasked_pixels_are_untouched(filled):
     _, backgrounds, fills = filled
-    views = carry(CAMERAS, backgrounds, DEPTHS, REFERENCES, fills)
+    views = warp_fills(CAMERAS, backgrounds, DEPTHS, REFERENCES, fills)
     assert len(views) == len(CAMERAS)
     for view, known in zip(views, backgrounds, strict=True):
         np.testing.assert_array_equal(view.image[~known.unseen], known.image[~known.unseen])
@@ -145,7 +145,7 @@ def test_unmasked_pixels_are_untouched(filled):
 
 def test_every_view_shows_the_same_fill_where_it_belongs(filled):
     _, backgrounds, fills = filled
-    views = carry(CAMERAS, backgrounds, DEPTHS, REFERENCES, fills)
+    views = warp_fills(CAMERAS, backgrounds, DEPTHS, REFERENCES, fills)
     assert views[0] is fills[0] and views[1] is fills[1]
     for index in (2, 3):
         view, unseen = views[index], backgrounds[index].unseen
@@ -167,7 +167,7 @@ def test_a_view_takes_from_its_own_reference_first():
         depth = np.where(unseen, floor_points(CAMERAS[index])[1], 0.0).astype(np.float32)
         fills.append(Fill(image, depth, unseen, unseen, np.zeros_like(unseen)))
     for index, tint, other in ((2, 0.2, 0.6), (3, 0.6, 0.2)):
-        view = carry(CAMERAS, backgrounds, DEPTHS, REFERENCES, fills)[index]
+        view = warp_fills(CAMERAS, backgrounds, DEPTHS, REFERENCES, fills)[index]
         values = view.image[view.filled][:, 0]
         assert np.isclose(values, tint, atol=1e-3).mean() > 0.9
         assert np.isclose(values, other, atol=1e-3).mean() < 0.1
@@ -176,7 +176,7 @@ def test_a_view_takes_from_its_own_reference_first():
 def test_what_no_reference_shows_stays_missing():
     backgrounds = [background(camera, HOLE if i < 2 else 2 * HOLE) for i, camera in enumerate(CAMERAS)]
     fills = fill_references(CAMERAS, backgrounds, DEPTHS, REFERENCES, Story(), seed=0)
-    view = carry(CAMERAS, backgrounds, DEPTHS, REFERENCES, fills)[2]
+    view = warp_fills(CAMERAS, backgrounds, DEPTHS, REFERENCES, fills)[2]
     inside = unseen_disc(CAMERAS[2], 0.9 * HOLE)
     outside = backgrounds[2].unseen & ~unseen_disc(CAMERAS[2], 1.1 * HOLE)
     assert view.missing[outside].all() and not view.depth[outside].any()
@@ -189,7 +189,9 @@ def test_where_everything_was_seen_nothing_is_invented():
     backgrounds = [background(camera, 0.0) for camera in CAMERAS]
     fills = fill_references(CAMERAS, backgrounds, DEPTHS, REFERENCES, prior, seed=0)
     assert prior.asked == []
-    for view, known in zip(carry(CAMERAS, backgrounds, DEPTHS, REFERENCES, fills), backgrounds, strict=True):
+    for view, known in zip(
+        warp_fills(CAMERAS, backgrounds, DEPTHS, REFERENCES, fills), backgrounds, strict=True
+    ):
         np.testing.assert_array_equal(view.image, known.image)
         assert not (view.filled | view.missing | view.invented).any()
 
@@ -202,7 +204,7 @@ def test_a_carried_fill_takes_on_the_light_of_its_view():
     ]
     fills = fill_references(CAMERAS, lit, DEPTHS, REFERENCES, Truth(), seed=0)
     for index in (2, 3):
-        view = carry(CAMERAS, lit, DEPTHS, REFERENCES, fills)[index]
+        view = warp_fills(CAMERAS, lit, DEPTHS, REFERENCES, fills)[index]
         truth = floor_color(floor_points(CAMERAS[index])[0])
         inside = view.filled
         error = np.abs(view.image - truth * gains[index])[inside].mean()

@@ -16,17 +16,17 @@ from diga3d_warp.priors.views import ViewControl
 
 
 class DiffusionRepainter:
-    """A `Repainter` that asks a diffusion prior, under whatever prompt.
+    """A `Repainter` that samples a diffusion prior under any prompt.
 
     Shape and shading are kept in two ways: sampling starts from the inverted views, and follows their edges
     and their depth as far as the prior has ControlNets for these. That the views agree is up to attention
     propagation; unlike a material wrapped around the surface, nothing makes them agree to the pixel.
 
     Args:
-        prior: What repaints.
-        guidance: The new look.
-        settings: How to sample.
-        say: Told time and memory before sampling starts.
+        prior: The diffusion prior.
+        guidance: Prompts of the new look, and guidance scale.
+        settings: Steps, strength, batch size and weight of propagation.
+        say: Called with a line on time and memory before sampling starts.
         progress: As in `edit_views`.
     """
 

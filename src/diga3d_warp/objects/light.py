@@ -21,13 +21,13 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 @dataclass(frozen=True)
 class LightSettings:
-    """How light is told from texture.
+    """Thresholds of separating light from texture.
 
     Attributes:
         ridge: Weight that pulls each harmonic to zero [share of the surface], by degree. A surface seen from
-            one side only does not tell the light of the others.
-        black: Luminance under which a pixel is black [1], one step of 8 bits: its logarithm tells nothing.
-        darkest, brightest: Bounds of the shading [times its mean]: past them a fit tells more of texture.
+            one side only does not determine the light of the others.
+        black: Luminance under which a pixel is black [1], one step of 8 bits: its logarithm is not used.
+        darkest, brightest: Bounds of the shading [times its mean]: beyond them the fit follows texture.
         shoulder: Linear brightness from which on highlights are compressed [1], as cameras do: white marble
             in the sun keeps its veins.
         blur: Radius over which brightness is averaged that does not follow the normal: shade in hollows and
@@ -94,7 +94,7 @@ def brightness(colors: np.ndarray) -> np.ndarray:
 
 
 def shade_beyond(light: Light, surface: Surface) -> np.ndarray:
-    """Light at the points of a surface relative to what its normals tell, shape (M,): hollows, shadows."""
+    """Light at the points of a surface relative to that by normals, shape (M,): hollows, shadows."""
     left = brightness(surface.colors) - np.log(light.on(surface.normals))
     broad = surface.blurred(left, LIGHT.blur)
     broad = broad - np.median(broad)

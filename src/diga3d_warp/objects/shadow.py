@@ -56,7 +56,7 @@ class Shadow:
             frame: The asset's place.
             scale: Its size [scene units].
             light: What falls on it.
-            settings: How.
+            settings: Resolution of the map, and the lamp.
         """
         self.settings = s = settings or ShadowSettings()
         self.frame, self.scale = frame, scale

@@ -66,7 +66,7 @@ def find_place(
         surface: Of the object that stood there.
         cameras: All that saw it.
         left: The scene without it.
-        settings: Thresholds.
+        settings: Thresholds of the plane fit.
     """
     settings = settings or SupportSettings()
     centers = np.stack([camera.center for camera in cameras])

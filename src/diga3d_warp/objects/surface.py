@@ -17,7 +17,7 @@ from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.optics import optics_of
 
 FAINT = 0.02
-"""Share of a pixel under which nobody would see what is there [1]; an 8-bit image has steps of 0.004."""
+"""Share of a pixel under which an object is not visible [1]; an 8-bit image has steps of 0.004."""
 
 
 SHADED = 4.0

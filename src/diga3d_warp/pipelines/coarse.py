@@ -1,4 +1,4 @@
-"""The coarse stage (paper Sec. 3.3): references filled, the other views made to agree, the hole fitted."""
+"""The coarse stage (paper Sec. 3.3): fill the references, warp or propagate to other views, fit the hole."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from diga3d_warp.pipelines.method import Method
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.propagation.appearance import propagate_appearance
-from diga3d_warp.propagation.fill import Fill, carry, fill_references
+from diga3d_warp.propagation.fill import Fill, fill_references, warp_fills
 from diga3d_warp.propagation.references import References
 from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.scene.scene import View
 from diga3d_warp.state import read_arrays, read_picture
 
 SEEDS_PER_REFERENCE = 12_000
-"""Most gaussians put on what one reference invented: a tenth of a 504 x 378 image at two thirds of its
-pixels, and not many more than a fitted image holds."""
+"""Most gaussians on the pixels that one reference inpainted: two thirds of the pixels of a tenth of a 504 x
+378 image, about the density of a fitted image."""
 
 
 def fill_views(
@@ -38,13 +38,13 @@ def fill_views(
     method: Method,
     seed: int,
 ) -> list[Fill]:
-    """Fill the references, and carry their fill to every view by its depth."""
+    """Fill the references, and warp their fills to all other views."""
     cameras = [view.camera for view in views]
     together = method.propagation != "none"
 
     def compute(folder: Path) -> None:
         fills = fill_references(cameras, backgrounds, depths, references, prior, seed, together=together)
-        _keep(folder, views, carry(cameras, backgrounds, depths, references, fills))
+        _keep(folder, views, warp_fills(cameras, backgrounds, depths, references, fills))
 
     return read_fills(run.stage("fill", compute), views)
 
@@ -60,7 +60,7 @@ def propagate(
     method: Method,
     seed: int,
 ) -> list[Fill]:
-    """Let every other view invent its own hole, attending to the references where the method says so."""
+    """Inpaint the hole of every other view, attending to the references if the method says so."""
     if method.propagation == "warp":
         return list(fills)
     assert isinstance(prior, DiffusionPrior), "check_method refuses others"
@@ -83,7 +83,7 @@ def propagate(
 def targets_of(
     views: Sequence[View], backgrounds: Sequence[Background], fills: Sequence[Fill]
 ) -> list[Target]:
-    """What the gaussians are fitted to: the filled views, with the depth of the fill."""
+    """Targets of the fit: the filled views, with the depth of the fill."""
     return [
         Target(
             view.camera,
@@ -99,10 +99,10 @@ def targets_of(
 def seeds_of(
     views: Sequence[View], fills: Sequence[Fill], references: References, coefficients: int
 ) -> list[Gaussians]:
-    """Gaussians on what each view invented.
+    """Gaussians on the pixels that each view inpainted.
 
-    What no reference shows, other views invent under attention, each for itself and most of it many times
-    over. Together they put on as many as one reference may.
+    With attention, several views inpaint what no reference shows, mostly the same surface. Together they get
+    as many gaussians as one reference.
     """
     invented = [int(fill.invented.sum()) for fill in fills]
     by_others = sum(count for i, count in enumerate(invented) if i not in references.indices)
@@ -127,7 +127,7 @@ def refit(
     settings: FitSettings,
     seed: int,
 ) -> Gaussians:
-    """Fit the hole to the filled views; gaussians that do not show there keep their values."""
+    """Fit the hole to the filled views; gaussians outside it keep their values."""
 
     def compute(folder: Path) -> None:
         start = cleared.gaussians

@@ -44,21 +44,22 @@ def distil(
     """Refine an edit by TG-SDS beside its photometric and depth losses.
 
     Args:
-        run: Where to.
+        run: Run folder that receives the stage.
         source: The edited scene, N gaussians.
-        held: Those that keep their values, shape (N,), bool.
+        held: Gaussians that keep their values, shape (N,), bool.
         targets: The edited views, with the depth of the edit.
-        masks: Where each view was edited, shape (H, W), bool; only these pixels take the prior's gradient.
-        references: Each view follows texture and depth of the reference of its cluster.
-        prior: What estimates noise.
-        guidance: What the edit shall show.
-        distillation: Strength and timesteps.
-        extent: Of the scene [scene units].
-        settings: Of the fit.
-        seed: Of the fit and of the noise.
-        known: Photographs that the prior is told outside the masks, shape (H, W, 3); the renderings if None.
-        windowed: Whether the prior is shown the windows around the masks in which `edit_views` edited the
-            views, rather than whole views, as a removal's fill is.
+        masks: Where each view was edited, shape (H, W), bool; only these pixels get the prior's gradient.
+        references: Each view is conditioned on texture and depth warped from the reference of its cluster.
+        prior: The diffusion prior.
+        guidance: Prompts of the edit, and guidance scale.
+        distillation: Weight and timesteps.
+        extent: Extent of the scene [scene units].
+        settings: Iterations, budget and learning rates of the fit.
+        seed: Seed of the fit and of the noise.
+        known: Photographs that condition the prior outside the masks, shape (H, W, 3); the renderings if
+            None.
+        windowed: Whether the prior is given the windows around the masks in which `edit_views` edited the
+            views, rather than whole views, as in a removal.
     """
 
     def compute(folder: Path) -> None:
@@ -80,7 +81,7 @@ def guided_targets(
     prior: DiffusionPrior, guidance: Guidance, distillation: DistillationSettings, effects: Effects,
     known: Sequence[np.ndarray] | None, *, windowed: bool = False,
 ) -> list[Target]:  # fmt: skip
-    """The targets, those with a mask under the guide of their cluster's reference; arguments as `distil`."""
+    """Targets with a TG-SDS guide in each view that has a mask; arguments as `distil`."""
     places = {}
     if windowed:
         windows = Windows.around([torch.from_numpy(mask) for mask in masks], prior)
@@ -100,8 +101,8 @@ def guided_targets(
             prior.native_size(*mask[window].shape),
         )  # fmt: skip
         followed = tuple(control for control in controls if control.kind in prior.control_kinds)
-        told = None if known is None else torch.from_numpy(known[i])
-        guide = TextureGeometryGuide(prior, mask, guidance, followed, told, distillation, window)
+        photograph = None if known is None else torch.from_numpy(known[i])
+        guide = TextureGeometryGuide(prior, mask, guidance, followed, photograph, distillation, window)
         guided.append(replace(target, guide=guide))
     return guided
 

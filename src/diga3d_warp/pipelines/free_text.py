@@ -1,4 +1,4 @@
-"""Edits by free text: what a diffusion prior is told, and what a user sees while it samples."""
+"""Edits by free text: prior, prompts and method, and checks of what was chosen."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from diga3d_warp.priors.settings import SamplingSettings
 
 @dataclass(frozen=True, eq=False)
 class FreeText:
-    """What a diffusion prior shall make of the object.
+    """An edit by free text: the prior, its prompts, and the method.
 
     Attributes:
-        prior: What invents.
-        guidance: What shall be there, and what not.
-        method: How the views come to agree, and whether score distillation refines the edit.
+        prior: The diffusion prior.
+        guidance: Positive and negative prompt, and guidance scale.
+        method: Propagation between views, and whether score distillation refines the edit.
     """
 
     prior: DiffusionPrior
@@ -28,10 +28,10 @@ class FreeText:
 
     @staticmethod
     def of(prior: Prior, prompt: str, negative: str, task: Task, method: Method | None = None) -> FreeText:
-        """What a prompt asks of a prior.
+        """Encode the prompts of an edit.
 
         Args:
-            prior: What invents.
+            prior: The diffusion prior.
             prompt, negative: Tp and Tn, any text.
             task: What the prompts are for.
             method: The paper's if None.
@@ -44,14 +44,14 @@ class FreeText:
         method = method or PAPER
         if method.propagation == "warp":
             raise InputError(
-                "an edit by free text is not carried by depth, which it may change: "
+                "an edit by free text cannot be warped by depth, which it may change: "
                 "use --propagation attention or none"
             )
         return FreeText(prior, Guidance(prior.encode_prompts(prompt, negative, task)), method)
 
     @property
     def sampling(self) -> SamplingSettings:
-        """How views are sampled."""
+        """Settings of sampling the views."""
         return self.method.sampling_for(self.prior)
 
 

@@ -1,4 +1,4 @@
-"""Stages of replace by free text: the new object imagined in every view, its depth, and the fit to both."""
+"""Stages of replace by free text: inpaint the new object in every view, estimate its depth, fit to both."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class Method:
 PAPER = Method()
 """As the paper describes it."""
 
-CARRIED = replace(PAPER, propagation="warp", distillation=None)
+WARPED = replace(PAPER, propagation="warp", distillation=None)
 """The references' fill carried by its depth, without diffusion in the other views."""
 
 
@@ -69,7 +69,7 @@ def usual_method(prior: Prior) -> Method:
     Patches can be attended to and distilled, too, but a mean over the patches of several views is smoother
     than each: lawns lose their blades. `diga3d bench ablation` measures it.
     """
-    return PAPER if isinstance(prior, DiffusionPrior) and prior.learned else CARRIED
+    return PAPER if isinstance(prior, DiffusionPrior) and prior.learned else WARPED
 
 
 def check_method(method: Method, prior: Prior) -> None:

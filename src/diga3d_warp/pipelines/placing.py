@@ -32,7 +32,7 @@ from diga3d_warp.state import read_array, read_picture, read_plane
 
 @dataclass(frozen=True)
 class PlacingSettings:
-    """How the new object meets the scene.
+    """Thresholds of occlusion, support and shadow where the new object meets the scene.
 
     Attributes:
         behind: How much nearer than the object's front the scene must be to hide it [object sizes]: the
@@ -80,7 +80,7 @@ class _Stand:
     Attributes:
         frame: Its place.
         scale: Its size [scene units].
-        settings: How it meets the scene.
+        settings: Thresholds of occlusion, support and shadow.
     """
 
     frame: Frame
@@ -108,14 +108,14 @@ def place_object(
     """Put an asset where the old object stood, with its shadow, and draw it into every view.
 
     Args:
-        run: Where to.
+        run: Run folder that receives the stage.
         views: Training views.
-        others: Held-out views: they only get a mask that holds the new object, too.
-        edit_masks: Of the old object, for both.
+        others: Held-out views; only their masks are extended by the new object.
+        edit_masks: Edit masks of the old object, of both.
         sights: The old object in the training views.
         cleared: The scene without it.
         asset: The new object.
-        settings: How they meet.
+        settings: Thresholds of occlusion, support and shadow.
     """
 
     def compute(folder: Path) -> None:
@@ -191,8 +191,8 @@ def _blocking(
 ) -> torch.Tensor:  # fmt: skip
     """Gaussians that stand before the new object and cannot be anything real, shape (N,), bool.
 
-    They are bumps in the fill, which nobody noticed while there was nothing behind them: where the old object
-    was to be seen nothing stood before it, and what lies low around it is the support.
+    They are bumps in the fill, invisible while nothing was behind them: where the old object was visible
+    nothing was in front of it, and what lies low around it is the support.
     """
     means = cleared.means.double().numpy()
     emptied = stand.emptied(means)

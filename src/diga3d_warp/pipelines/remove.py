@@ -33,7 +33,7 @@ from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.pipelines import carrying, coarse, fine, marking, stages
+from diga3d_warp.pipelines import coarse, fine, marking, mask_propagation, stages
 from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks
@@ -166,7 +166,7 @@ def take_out(
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.even_exposure(run, scene)
-    object_masks = carrying.carry_masks(run, scene, source, marks, settings.lift)
+    object_masks = mask_propagation.propagate_masks(run, scene, source, marks, settings.lift)
     rows, edit_masks = stages.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
     views = scene.views
     cleared = stages.clear_object(run, views, edit_masks, source, rows, settings.lift)

@@ -37,12 +37,12 @@ from diga3d_warp.materials.vocabulary import Material
 from diga3d_warp.objects.diffusion_repaint import DiffusionRepainter
 from diga3d_warp.objects.picture import chosen_material
 from diga3d_warp.objects.repaint import MaterialRepainter, Repainter
-from diga3d_warp.pipelines import carrying, fine, marking, recolouring, stages
+from diga3d_warp.pipelines import fine, marking, mask_propagation, recolouring, stages
 from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.free_text import FreeText, check_built_in, reads_free_text
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks
-from diga3d_warp.pipelines.method import CARRIED, Method
+from diga3d_warp.pipelines.method import WARPED, Method
 from diga3d_warp.pipelines.remove import DISTIL
 from diga3d_warp.pipelines.request import EditRequest, EditResult, optional_path
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
@@ -120,7 +120,7 @@ def retexture_object(
     """
     settings = settings or RetextureSettings()
     words = None if prior is None else FreeText.of(prior, prompt, negative, "retexture", settings.method)
-    method = words.method if words else settings.method or CARRIED
+    method = words.method if words else settings.method or WARPED
     repainter = _repainter(words) if words else _painter(run, chosen_material(prompt, exemplar))
     run.hold_to(**everything(scene, settings, seed, effects, prior, method))
     scene = marking.mark(run, scene, marks)
@@ -128,7 +128,7 @@ def retexture_object(
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.even_exposure(run, scene)
-    object_masks = carrying.carry_masks(run, scene, source, marks, settings.lift)
+    object_masks = mask_propagation.propagate_masks(run, scene, source, marks, settings.lift)
     rows, _ = stages.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
     views = scene.views
     sights = recolouring.look_at_object(run, views, source, rows)
@@ -187,7 +187,7 @@ def retexture(
     request.refuse("retexture", "asset")
     words, exemplar = prompt or "", optional_path(request.exemplar)
     prior = _prior(request, words, exemplar)
-    method = replace(CARRIED, references=request.references, selection=request.selection)
+    method = replace(WARPED, references=request.references, selection=request.selection)
     if prior is not None:
         method = request.choose_method(prior)
         FreeText.of(prior, words, request.negative, "retexture", method)  # refuses before a long fit

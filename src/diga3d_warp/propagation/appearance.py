@@ -1,7 +1,6 @@
-"""Views that fill their own hole while they attend to the references (paper Sec. 3.3).
+"""Inpaint the other views while they attend to the references (AFP, paper Sec. 3.3).
 
-The references are filled already: at each timestep they leave the keys and values of their fill, and stay as
-they are.
+The references are inpainted already: at each timestep they only provide the keys and values of their fill.
 """
 
 from __future__ import annotations
@@ -38,20 +37,20 @@ def propagate_appearance(
     """Inpaint the hole of every view but the references anew.
 
     Args:
-        prior: What invents, towards its own prompts.
-        fills: The references' fill in all views, from `fill.carry`: it gives depth and, below full strength,
-            what sampling starts from.
+        prior: The diffusion prior, with its prompts.
+        fills: Fills of all views, from `fill.warp_fills`: their depth is kept and, below full strength,
+            sampling starts from their images.
         backgrounds: What is known behind the object, one per view.
         depths: z of the splat without the object, one per view, shape (H, W); 0 where it shows nothing.
         references: Which views the others attend to.
-        sampling: How.
-        attend: Whether they attend to them at all.
-        seed: Of the noise.
+        sampling: Steps, strength, batch size and weight of propagation.
+        attend: Whether the views attend to the references.
+        seed: Seed of the noise.
         say, progress: As in `priors.views.inpaint_views`.
 
     Returns:
-        One fill a view. Its depth is the carried one, continued where no reference's fill arrived; there the
-        view counts as its inventor.
+        One fill a view. Its depth is the warped one, continued where no reference's fill reached; those
+        pixels count as `invented`.
     """
     found = list(fills)
     fixed = set(references.indices)

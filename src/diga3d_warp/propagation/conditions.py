@@ -1,8 +1,8 @@
-"""Texture and depth maps that carry a reference's inpainting to another view (paper Sec. 3.4).
+"""Texture and depth maps of a view, warped from its reference (paper Sec. 3.4).
 
 The paper warps the reference, takes Canny's edges of what arrives, and estimates depth of it anew. Here the
-warped depth itself is the depth map: it is the same surface in all views, which an estimate for each is not.
-Where no mask is, or nothing arrives, the view's own rendering says what is there.
+warped depth itself is the depth map: it is the same surface in all views, unlike an estimate for each view.
+Outside the mask, and where nothing is warped to, the maps are those of the view's own rendering.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ def texture_geometry(
     """
     with torch.no_grad():
         warped = reproject(reference_image, reference_depth, reference, camera)
-        carried = mask & warped.visible
-        known = carried | ~mask
-        picture = torch.where(carried[..., None], warped.image, torch.where(known[..., None], image, 0.0))
-        surface = torch.where(carried, warped.depth, depth)
+        covered = mask & warped.visible
+        known = covered | ~mask
+        picture = torch.where(covered[..., None], warped.image, torch.where(known[..., None], image, 0.0))
+        surface = torch.where(covered, warped.depth, depth)
         edges = canny_edges(picture[window], known[window], size)
         near = depth_control(surface[window], known[window], size)
         return Control("edges", edges[None], EDGES_SCALE), Control("depth", near[None], DEPTH_SCALE)

@@ -1,8 +1,8 @@
-"""Fill the references one after another, then carry their fill to every other view (paper Sec. 3.3, 3.4).
+"""Fill the references one after another, and warp their fills to all other views (paper Sec. 3.3, 3.4).
 
-A reference sees what earlier references invented: their fill is warped in first, and only what is still
-missing is invented anew. So all fills tell one story. Each other view then takes its fill from the reference
-of its cluster; what that one does not show it takes from the other references.
+The fills of earlier references are warped into each reference first, and only what is still missing is
+inpainted, so that all fills are consistent. Each other view takes its fill from the reference of its cluster,
+and from other references what that one does not show.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ class Fill:
     Attributes:
         image: RGB, shape (H, W, 3), float32 in [0, 1]: the photograph, what others observed, and the fill.
         depth: z of the fill [scene units], shape (H, W), float32; 0 outside `filled`.
-        filled: Where nobody saw and the fill stands, shape (H, W), bool.
-        invented: The part of `filled` that the prior made in this very view, shape (H, W), bool.
-        missing: Where nobody saw and no fill reached, shape (H, W), bool; `image` shows nothing of use there.
+        filled: Unseen pixels that have a fill, shape (H, W), bool.
+        invented: The part of `filled` that the prior inpainted in this view, shape (H, W), bool.
+        missing: Unseen pixels without a fill, shape (H, W), bool; `image` is not valid there.
     """
 
     image: np.ndarray
@@ -58,9 +58,9 @@ def fill_references(
         backgrounds: What is known behind the object, one per view.
         depths: z of the splat without the object, one per view, shape (H, W); 0 where it shows nothing.
         references: Which views are references.
-        prior: Invents what nobody saw.
-        seed: Of the prior.
-        together: Whether each takes over what earlier ones invented.
+        prior: Fills what no view saw.
+        seed: Seed of the prior.
+        together: Whether the fills of earlier references are warped in first.
     """
     fills: list[Fill] = []
     for index in references.indices:
@@ -81,10 +81,10 @@ def invent(
     image: np.ndarray, depth: np.ndarray, hole: np.ndarray, prior: Prior, seed: int,
     alpha: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Colour and depth for a hole that no view sees into.
+    """Colour and depth of a hole that no view sees into.
 
-    Where the object stood on something that stands out from the background, the two are filled apart, each
-    from its own surroundings.
+    Where the object stood on a surface clearly nearer than the background, the two are filled separately,
+    each from its own surroundings.
 
     Args:
         image: RGB, shape (H, W, 3), float32 in [0, 1]. The hole's pixels are not looked at.
@@ -104,8 +104,8 @@ def invent(
         return image, completed
     if near is None and alpha is None:
         return _filled(image, hole, completed, prior, seed), completed
-    # What lies in front, and what is nowhere, counts as unknown too; within the whole image that would be far
-    # more than the hole.
+    # The nearer surface and transparent pixels count as unknown, too; in the whole image they would be far
+    # larger than the hole.
     around = surroundings(hole)
     unknown = hole if near is None else hole | near.front
     if alpha is not None and not (unknown | (alpha < OPAQUE))[around].all():
@@ -126,14 +126,14 @@ def _filled(image: np.ndarray, mask: np.ndarray, depth: np.ndarray, prior: Prior
     return prior.fill(colors, missing, seed=seed, depth=behind).numpy()
 
 
-def carry(
+def warp_fills(
     cameras: Sequence[Camera],
     backgrounds: Sequence[Background],
     depths: Sequence[np.ndarray],
     references: References,
     fills: Sequence[Fill],
 ) -> list[Fill]:
-    """The fill of every view: that of its cluster's reference, then those of the others, in the view's light.
+    """Fill every view: from its cluster's reference, then from the others, adapted to the view's tone.
 
     Args:
         cameras: One per view.
@@ -143,15 +143,15 @@ def carry(
         fills: Of the references, in their order.
     """
     sources = _sources(fills, cameras, depths, references)
-    carried = []
+    warped = []
     for i, (camera, background) in enumerate(zip(cameras, backgrounds, strict=True)):
         if i in references.indices:
-            carried.append(fills[references.indices.index(i)])
+            warped.append(fills[references.indices.index(i)])
             continue
         own = int(references.cluster[i])
         order = [own] + [k for k in range(len(fills)) if k != own]
-        carried.append(_take(background, camera, [sources[k] for k in order]))
-    return carried
+        warped.append(_take(background, camera, [sources[k] for k in order]))
+    return warped
 
 
 @dataclass(frozen=True, eq=False)

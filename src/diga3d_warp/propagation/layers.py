@@ -1,4 +1,4 @@
-"""Two surfaces behind one object: what it stands on, and what lies far behind that.
+"""Two surfaces behind one object: its support, and the background far behind that.
 
 A figure on a plinth hides the plinth's top and the lawn beyond. Filled in one go, the lawn runs into the
 plinth. Where the rim of a hole lies partly on a surface that is clearly nearer than the rest, that surface is
@@ -70,7 +70,7 @@ def near_layer(
     Args:
         depth: z along the camera axis [scene units], shape (H, W); 0 where unknown.
         hole: What is to be filled, shape (H, W), bool, not empty.
-        settings: Thresholds.
+        settings: Thresholds of depth steps and of the rim.
 
     Returns:
         None where the rim is one surface, or several at similar depths.

@@ -1,4 +1,4 @@
-"""Tone: what is carried from one view to another takes on the other's light.
+"""Adapt the tone of pixels that are warped from one view to another.
 
 A glossy floor, or an exposure that drifted, looks different in every view; colours of a reference would stand
 out there as a patch. Around the hole both photographs show the same surface: their difference at the rim,
@@ -42,7 +42,7 @@ def rim_of(hole: np.ndarray) -> np.ndarray:
 
 
 def tone_between(own: np.ndarray, shown: np.ndarray, rim: np.ndarray, hole: np.ndarray) -> np.ndarray:
-    """What to add to colours carried into a hole, so that they continue the view's own.
+    """Offset to add to colours warped into a hole, so that they continue the view's own.
 
     Args:
         own: The view's image, shape (H, W, 3), float32; read on the rim.

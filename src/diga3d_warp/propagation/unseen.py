@@ -1,7 +1,7 @@
-"""What nobody saw: each view's mask shrunk to what no other view observes behind the object.
+"""What no view saw: each view's mask shrunk to what no other view observes behind the object.
 
-Follows the idea of 3DGIC: the background behind the object in one view stands beside the object in others.
-There a photograph shows it, so it need not be invented. A point behind the object counts as observed by
+Follows the idea of 3DGIC: the background behind the object in one view is beside the object in others.
+There a photograph shows it, so it need not be inpainted. A point behind the object counts as observed by
 another view if it is the first surface there (its depth agrees with that view's own), outside that view's
 mask, and looked at from a similar direction: through a hole that the object left, a camera looks at the backs
 of surfaces, whose fronts the others see.
@@ -69,7 +69,7 @@ class Background:
     """What is known of one view's background inside its mask.
 
     Attributes:
-        unseen: True where nobody saw the background, shape (H, W), bool. A part of the mask.
+        unseen: True where no view saw the background, shape (H, W), bool. A part of the mask.
         image: The view's photograph with observed background in the mask, shape (H, W, 3), float32 RGB in
             [0, 1]. Where `unseen`, the photograph is unchanged and still shows the object.
         observed: True where `image` was filled from other views or shows that nothing is there, shape
@@ -98,7 +98,7 @@ def observe_behind(
         edit_masks: Masks of the object, dilated so that no rim of it is left outside, each (H, W), bool.
         depths: z of the splat without the object's gaussians, per view [scene units], each (H, W).
         alphas: Opacity of the same renders, each (H, W).
-        settings: Thresholds.
+        settings: Thresholds of what counts as observed.
 
     Raises:
         InputError: a mask, a depth or an opacity does not fit its view.
@@ -115,14 +115,15 @@ def observe_behind(
         np.where((alpha >= settings.alpha_min) & np.isfinite(depth), depth, np.nan).astype(np.float32)
         for depth, alpha in zip(depths, alphas, strict=True)
     ]
-    witnesses = [
-        _witness(view, mask, surface) for view, mask, surface in zip(views, edit_masks, surfaces, strict=True)
+    observing = [
+        _observer(view, mask, surface)
+        for view, mask, surface in zip(views, edit_masks, surfaces, strict=True)
     ]
     centers = np.stack([view.camera.center for view in views])
     backgrounds = []
     for i, (view, mask) in enumerate(zip(views, edit_masks, strict=True)):
         nearest = np.argsort(np.linalg.norm(centers - centers[i], axis=1), kind="stable")
-        others = [witnesses[j] for j in nearest if j != i][: settings.views_max]
+        others = [observing[j] for j in nearest if j != i][: settings.views_max]
         found = _assemble(view, mask, *_observe(view, mask, surfaces[i], others, settings), settings)
         if view.alpha is not None:
             found = _with_nothing(found, view, mask, alphas[i], settings)
@@ -139,7 +140,7 @@ def _clear(view: View, mask: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Witness:
+class _Observer:
     """A view that others ask: its camera, and as Warp arrays its depth, usable pixels and photograph."""
 
     camera: Camera
@@ -148,8 +149,8 @@ class _Witness:
     image: wp.array
 
 
-def _witness(view: View, mask: np.ndarray, surface: np.ndarray) -> _Witness:
-    return _Witness(
+def _observer(view: View, mask: np.ndarray, surface: np.ndarray) -> _Observer:
+    return _Observer(
         view.camera,
         wp.array(surface, dtype=wp.float32, device="cpu", copy=False),
         wp.array(_clear(view, mask), dtype=wp.bool, device="cpu", copy=False),
@@ -158,7 +159,7 @@ def _witness(view: View, mask: np.ndarray, surface: np.ndarray) -> _Witness:
 
 
 def _observe(
-    view: View, mask: np.ndarray, surface: np.ndarray, others: Sequence[_Witness], settings: UnseenSettings
+    view: View, mask: np.ndarray, surface: np.ndarray, others: Sequence[_Observer], settings: UnseenSettings
 ) -> tuple[np.ndarray, np.ndarray]:
     """Median colour of the masked pixels, shape (P, 3), and which of them enough views saw, shape (P,)."""
     depth: wp.array = wp.array(surface[mask], dtype=wp.float32, device="cpu")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from diga3d_warp.pipelines.method import CARRIED, PAPER, Method
+from diga3d_warp.pipelines.method import PAPER, WARPED, Method
 from diga3d_warp.priors.attention import AFP_WEIGHT
 from diga3d_warp.priors.distillation import DistillationSettings
 
@@ -56,7 +56,7 @@ GROUPS: Mapping[str, Mapping[str, Trial]] = {
         f"AFP, weight {AFP_WEIGHT} (usual)": FULL,
         "AFP, weight 1": _propagated(1.0),
         "warped by DIBR, TG-SDS": Trial(replace(PAPER, propagation="warp")),
-        "warped by DIBR": Trial(CARRIED),
+        "warped by DIBR": Trial(WARPED),
     },
     "Weight of TG-SDS": {
         "weight 0: the fine stage without it": _distilled(0.0),
@@ -75,8 +75,8 @@ GROUPS: Mapping[str, Mapping[str, Trial]] = {
     },
     "Prior (paper, appendix)": {
         "exemplar": FULL,
-        "exemplar, warped by DIBR (its default)": Trial(CARRIED),
-        "classical, warped by DIBR": Trial(CARRIED, prior="classical"),
+        "exemplar, warped by DIBR (its default)": Trial(WARPED),
+        "classical, warped by DIBR": Trial(WARPED, prior="classical"),
         "sd-inpainting": Trial(prior="sd-inpainting"),
         "powerpaint": Trial(prior="powerpaint"),
     },

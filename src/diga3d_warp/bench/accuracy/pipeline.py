@@ -14,7 +14,7 @@ from diga3d_warp.evaluation.metrics import Score
 from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.evaluation.tables import Table
 from diga3d_warp.gaussians.fit import FitSettings
-from diga3d_warp.pipelines.method import CARRIED
+from diga3d_warp.pipelines.method import WARPED
 from diga3d_warp.pipelines.remove import RemoveSettings, remove_object
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
@@ -43,7 +43,7 @@ class Trial:
     @property
     def settings(self) -> RemoveSettings:
         fit = FitSettings(iterations=self.iterations, budget=BUDGET)
-        return RemoveSettings(fit=fit, method=replace(CARRIED, references=self.references))
+        return RemoveSettings(fit=fit, method=replace(WARPED, references=self.references))
 
     @property
     def prior(self) -> ExemplarPrior:

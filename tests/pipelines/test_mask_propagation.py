@@ -11,8 +11,8 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians import lift
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.perception.boxes import Box
-from diga3d_warp.pipelines.carrying import SHEET, carry_masks
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks, mark
+from diga3d_warp.pipelines.mask_propagation import SHEET, propagate_masks
 from diga3d_warp.pipelines.run import Run
 
 
@@ -32,7 +32,7 @@ def carried(removed, tmp_path_factory):
     scene = mark(run, removed.scene, marks)
     assert [view.mask is not None for view in scene.views] == [k in (0, 3, 6) for k in range(7)]
     assert all(view.mask is None for view in scene.test_views)
-    return carry_masks(run, scene, removed.result.source, marks, LiftSettings()), run
+    return propagate_masks(run, scene, removed.result.source, marks, LiftSettings()), run
 
 
 def test_every_view_gets_a_mask_near_the_true_one(carried, removed):
@@ -55,7 +55,7 @@ def test_the_sheet_shows_every_view(carried):
 def test_without_marks_nothing_changes(removed, tmp_path):
     run = Run(tmp_path / "run", "remove", {})
     assert mark(run, removed.scene, OWN_MASKS) is removed.scene
-    masks = carry_masks(run, removed.scene, removed.result.source, OWN_MASKS, LiftSettings())
+    masks = propagate_masks(run, removed.scene, removed.result.source, OWN_MASKS, LiftSettings())
     assert all(masks[view.name] is view.mask for view in views_of(removed.scene))
     assert not (tmp_path / "run" / "stages").exists()
 
@@ -67,7 +67,7 @@ def test_a_mask_that_lifts_to_no_gaussian(removed, tmp_path):
     nowhere = removed.result.source.detached()
     nowhere.means += 1000.0
     with pytest.raises(InputError, match="the marked object lifts to no gaussian"):
-        carry_masks(run, scene, nowhere, marks, LiftSettings())
+        propagate_masks(run, scene, nowhere, marks, LiftSettings())
 
 
 def test_gaussians_vote_as_the_run_renders_them(removed, tmp_path, monkeypatch):
@@ -84,5 +84,5 @@ def test_gaussians_vote_as_the_run_renders_them(removed, tmp_path, monkeypatch):
     run = Run(tmp_path / "run", "remove", {})
     run.effects = Effects(antialias=True)
     scene = mark(run, removed.scene, marks)
-    carry_masks(run, scene, removed.result.source, marks, LiftSettings())
+    propagate_masks(run, scene, removed.result.source, marks, LiftSettings())
     assert seen and all(effects == run.effects for effects in seen)

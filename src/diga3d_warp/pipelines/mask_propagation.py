@@ -1,4 +1,4 @@
-"""Masks of some views carried to all: lifted to 3D, and cut along the colours of each view."""
+"""Object masks of all views from those of a few: lifted to 3D, and cut along the colours of each view."""
 
 from __future__ import annotations
 
@@ -27,16 +27,17 @@ TINT = (255, 64, 160)
 
 
 @dataclass(frozen=True)
-class CarrySettings:
-    """How the masks of a few views become those of all.
+class MaskPropagationSettings:
+    """Thresholds of propagating masks from a few views to all.
 
     Attributes:
-        grid: Cells across the object in which gaussians count as joined: what hangs together is the object.
-        part: Smallest other group that belongs to it, too [share of the largest].
-        depth: How far behind what the masked views see the object may go on [object sizes], within the
-            outline that they give it.
-        sure: How far inside its outline a view's pixels surely show the object [image diagonals].
-        reach: How far outside of it they may [image diagonals].
+        grid: Cells across the object; gaussians in adjacent cells are connected. The largest connected group
+            is the object.
+        part: Least size of another group that belongs to it [share of the largest].
+        depth: How far the object may extend behind what the masked views see of it [object sizes], within its
+            outline in those views.
+        sure: Distance inside the outline from which pixels are foreground [image diagonals].
+        reach: Distance outside the outline up to which pixels may be foreground [image diagonals].
         tile: Height of a picture on the overlay sheet [px].
         columns: Pictures side by side on it.
     """
@@ -50,7 +51,9 @@ class CarrySettings:
     columns: int = 6
 
 
-def carry_masks(run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: LiftSettings) -> stages.Masks:
+def propagate_masks(
+    run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: LiftSettings
+) -> stages.Masks:
     """Object masks: of all views from those of the marked ones; the user's, if the scene brought its own.
 
     The gaussians that the marked views show the object by give every other view a rough mask, whose edge
@@ -63,7 +66,7 @@ def carry_masks(run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: L
     given = {view.name: view.mask for view in views if view.mask is not None}
     if marks.own:
         return given
-    settings = CarrySettings()
+    settings = MaskPropagationSettings()
 
     def compute(folder: Path) -> None:
         seeds, candidates = object_seeds(source, _votes(source, views, given, run.effects), lift, settings)
@@ -74,8 +77,8 @@ def carry_masks(run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: L
         cut = dict(given)
         for view in views:
             if view.name not in given:
-                cut[view.name] = _carried(source, view, seeds, candidates, lift, settings, run.effects)
-        # Each view was cut by itself; a vote of all makes them tell of one object.
+                cut[view.name] = _propagated(source, view, seeds, candidates, lift, settings, run.effects)
+        # Each view was cut by itself; a vote over all views makes the masks consistent.
         rows = object_rows(_votes(source, views, cut, run.effects), lift)
         masks = []
         for view in views:
@@ -86,19 +89,19 @@ def carry_masks(run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: L
             masks.append(mask)
         write_image(folder / SHEET, overlay_sheet(views, masks, settings))
 
-    folder = run.stage("carry", compute)
+    folder = run.stage("propagate-masks", compute)
     run.publish(folder / SHEET, SHEET)
     return stages.read_masks(folder, views)
 
 
 def _votes(source: Gaussians, views: Sequence[View], masks: stages.Masks, effects: Effects) -> Votes:
-    """What the views that have a mask say of each gaussian."""
+    """Votes of the views that have a mask."""
     known = [view for view in views if view.name in masks]
     return vote(source, [view.camera for view in known], [masks[view.name] for view in known], effects)
 
 
 def object_seeds(
-    source: Gaussians, votes: Votes, lift: LiftSettings, settings: CarrySettings
+    source: Gaussians, votes: Votes, lift: LiftSettings, settings: MaskPropagationSettings
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Gaussians that the masked views show to be the object, and those that may be, both shape (N,), bool."""
     from scipy.ndimage import label
@@ -140,9 +143,9 @@ def _bounds(points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndar
     return low, high
 
 
-def _carried(
+def _propagated(
     source: Gaussians, view: View, seeds: torch.Tensor, candidates: torch.Tensor, lift: LiftSettings,
-    settings: CarrySettings, effects: Effects,
+    settings: MaskPropagationSettings, effects: Effects,
 ) -> np.ndarray:  # fmt: skip
     """The mask of a view that is not marked."""
     import cv2
@@ -156,7 +159,9 @@ def _carried(
     return cut_along(view.pixels, surely, likely, max(2, round(settings.reach * diagonal)))
 
 
-def overlay_sheet(views: Sequence[View], masks: Sequence[np.ndarray], settings: CarrySettings) -> np.ndarray:
+def overlay_sheet(
+    views: Sequence[View], masks: Sequence[np.ndarray], settings: MaskPropagationSettings
+) -> np.ndarray:
     """All views with their masks tinted and outlined, side by side, shape (H, W, 3), uint8."""
     import cv2
 
