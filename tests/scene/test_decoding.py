@@ -188,6 +188,21 @@ def test_large_photographs_are_decoded_one_at_a_time(tmp_path, monkeypatch):
     assert most == 2400, "the larger one alone, although it is over the bound"
 
 
+def test_a_large_jpeg_is_decoded_smaller(tmp_path, monkeypatch):
+    """The same picture as one that is decoded whole and then shrunk, but for rounding."""
+    smooth = cv2.resize(COLORS, (320, 240), interpolation=cv2.INTER_CUBIC)
+    path = tmp_path / "a.jpg"
+    for size, scale, decoded in (((320, 240), 0.25, 80), ((320, 240), 0.3, 160), ((319, 240), 0.25, 319)):
+        path.write_bytes(encoded("JPEG", Image.fromarray(smooth[:, : size[0]]), quality=98))
+        whole = read_photograph(path, scale).pixels
+        with monkeypatch.context() as patch:
+            patch.setattr(decoding, "LIMITS", replace(LIMITS, at_once=1000))
+            assert decode(path.read_bytes(), path, scale).shape[1] == decoded
+            small = read_photograph(path, scale).pixels
+        assert small.shape == whole.shape == (round(240 * scale), round(size[0] * scale), 3)
+        assert np.abs(small.astype(float) - whole).mean() < 1.5
+
+
 def test_a_folder_in_place_of_a_file(tmp_path):
     (tmp_path / "a.jpg").mkdir()
     with pytest.raises(InputError, match=r"a\.jpg: not readable"):

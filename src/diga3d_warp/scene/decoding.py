@@ -56,6 +56,8 @@ class Header(NamedTuple):
 _JPEG_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 _PNG_END = b"IEND\xaeB`\x82"
 _PREFIX = 4096
+# OpenCV's flags for decoding a JPEG smaller, which takes the memory of the smaller image only.
+_REDUCED = {8: "IMREAD_REDUCED_COLOR_8", 4: "IMREAD_REDUCED_COLOR_4", 2: "IMREAD_REDUCED_COLOR_2"}
 _EXIF_MOST = 1 << 20
 _ORIENTATION, _SHORT = 0x0112, 3  # tag and type of TIFF
 
@@ -185,21 +187,30 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-def decode(data: bytes, name: str | Path) -> np.ndarray:
+def decode(data: bytes, name: str | Path, scale: float = 1.0) -> np.ndarray:
     """Pixels as the file stores them, not turned: (H, W) or (H, W, 3 or 4), BGR, of the file's own type.
 
     Args:
         data: All of the file.
         name: What to call it in an error.
+        scale: Size that is wanted, in (0, 1]. A JPEG of more than `LIMITS.at_once` pixels is decoded at a half,
+            a quarter or an eighth of its size where that divides it evenly and is not smaller than wanted;
+            everything else is decoded whole.
 
     Raises:
         InputError: as `read_header`, or the data are damaged.
     """
     import cv2
 
-    read_header(data, name)
+    width, height, _ = read_header(data, name)
+    flags = cv2.IMREAD_UNCHANGED
+    if data[:2] == b"\xff\xd8" and width * height > LIMITS.at_once:
+        for factor, reduced in _REDUCED.items():
+            if factor * scale <= 1.0 and width % factor == 0 and height % factor == 0:
+                flags = getattr(cv2, reduced) | cv2.IMREAD_IGNORE_ORIENTATION
+                break
     try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
         pixels = None
     if pixels is None:

@@ -91,7 +91,9 @@ def read_photograph(path: Path, scale: float = 1.0, orientation: int = 1) -> Pho
         InputError: the file is no image that is read, it is cut short, or alpha is 0 everywhere.
     """
     data = read_bytes(path)
-    stored = decode(data, path)
+    width = read_header(data, path).width
+    stored = decode(data, path, scale)
+    scale = min(scale * width / stored.shape[1], 1.0)
     if stored.ndim == 3 and stored.shape[2] == 4 and stored[..., 3].min() < _white(stored, path):
         if not stored[..., 3].any():
             raise InputError(f"{path}: alpha is 0 everywhere; export it with the object opaque")

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.decoding import read_header
+from diga3d_warp.scene.decoding import decode, read_bytes, read_header
 from diga3d_warp.scene.folders import image_folders, images_below, unread_images, unread_line
 from diga3d_warp.scene.names import image_key, likelihood, listed
 
@@ -145,13 +145,12 @@ def _called(group: str) -> str:
 
 def _has_colors(files: Sequence[Path]) -> bool:
     """Whether any of a few images of a group has three channels."""
-    import cv2
-
     for path in _spread(files):
-        data = np.fromfile(path, np.uint8)
-        pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
-        if pixels is not None and pixels.ndim == 3:
-            return True
+        try:
+            if decode(read_bytes(path), path).ndim == 3:
+                return True
+        except InputError:
+            continue
     return False
 
 
