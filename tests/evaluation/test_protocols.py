@@ -9,10 +9,11 @@ import pytest
 from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.metrics import Score
-from diga3d_warp.evaluation.protocols import evaluate
+from diga3d_warp.evaluation.protocols import _used_mask, evaluate
 from diga3d_warp.evaluation.record import MANIFEST, RESULT, SOURCE, read_manifest, read_metrics, run_effects
 from diga3d_warp.evaluation.tables import Table, score_table
 from diga3d_warp.files import write_image, write_json
+from diga3d_warp.scene.labels import stretched
 
 FOUR_LEVELS = -20 * math.log10(4 / 255)  # PSNR of the toy photographs' error
 
@@ -41,6 +42,28 @@ def test_removal_against_held_out_photographs(toy_run):
     assert "inf" in tables[0].text()
     assert read_metrics(toy_run.folder)["evaluation"]["unmasked_loss_db"] == 0
     assert "LPIPS is not measured" in tables[0].title
+
+
+def test_views_that_a_given_splat_may_have_seen_are_scored_with_a_word(toy_run):
+    seen = replace(toy_run.scene, may_be_seen=True)
+    for scene, may_be_seen in ((toy_run.scene, False), (seen, True)):
+        title = evaluate(toy_run.folder, scene=scene)[0].title
+        assert read_metrics(toy_run.folder)["evaluation"]["may_be_seen"] is may_be_seen
+        assert ("it may have been trained on these views" in title) is may_be_seen
+
+
+@pytest.mark.parametrize("shape", [(20, 31), (41, 67), (7, 9)])
+def test_masks_of_a_run_are_resized_as_those_of_a_scene(toy_run, tmp_path, shape):
+    """At another image scale the mask of a run counts for the same pixels as its file read with the scene."""
+    view = toy_run.scene.test_views[0]
+    stored = np.random.default_rng(0).random(shape) < 0.5
+    write_image(toy_run.folder / "masks" / f"{view.name}.png", stored)
+    used = _used_mask(toy_run.folder, view)
+    height, width = view.pixels.shape[:2]
+    np.testing.assert_array_equal(used, stretched(stored, width, height))
+    rows = np.floor((np.arange(height) + 0.5) * shape[0] / height).astype(int)
+    columns = np.floor((np.arange(width) + 0.5) * shape[1] / width).astype(int)
+    np.testing.assert_array_equal(used, stored[np.ix_(rows, columns)], "the pixel under each centre")
 
 
 def test_change_outside_the_mask_shows(toy_run):

@@ -258,7 +258,10 @@ def lift_object(
         votes = vote(source, cameras, masks, run.effects)
         rows = object_rows(votes, settings)
         if not rows.any():
-            raise InputError(f"{scene.path}: the masks lift to no gaussian; do they belong to these images?")
+            raise InputError(
+                f"{scene.path}: the masks lift to no gaussian; do they belong to these images? The object "
+                "may also be too small or thin: try more --iterations"
+            )
         if rows[votes.total > settings.faint].all():
             raise InputError(f"{scene.path}: the masks lift to every gaussian seen; mask the object only")
         for view in [*scene.views, *scene.test_views]:

@@ -193,9 +193,9 @@ def decode(data: bytes, name: str | Path, scale: float = 1.0) -> np.ndarray:
     Args:
         data: All of the file.
         name: What to call it in an error.
-        scale: Size that is wanted, in (0, 1]. A JPEG of more than `LIMITS.at_once` pixels is decoded at a half,
-            a quarter or an eighth of its size where that divides it evenly and is not smaller than wanted;
-            everything else is decoded whole.
+        scale: Size that is wanted, in (0, 1]. A JPEG of more than `LIMITS.at_once` pixels is decoded at a
+            half, a quarter or an eighth of its size where that divides it evenly and is not smaller than
+            wanted; everything else is decoded whole.
 
     Raises:
         InputError: as `read_header`, or the data are damaged.

@@ -119,7 +119,17 @@ def load_scene(
     if test_keys.issuperset(views):
         raise InputError(f"{root}: its split leaves no view for training; correct it, or restore the images")
 
-    views, turns, points, said = _with_points(views, turns, capture.points, test_keys, progress)
+    given = capture.points
+    if capture.kind == "images" and given is not None and test_keys:
+        all_points, given = (
+            len(given),
+            given.without({name for name, key in keys.items() if key in test_keys}),
+        )
+        notes.append(
+            "the poses were found from all photographs, those held out too; "
+            f"{all_points - len(given)} of {all_points} points that only they add are left out"
+        )
+    views, turns, points, said = _with_points(views, turns, given, test_keys, progress)
     notes += said
     if not len(points):
         raise InputError(
@@ -128,8 +138,6 @@ def load_scene(
     may_be_seen = found.splat is not None and held_out is None and bool(test_keys)
     if may_be_seen:
         notes.append("the held-out views may be among those that the given splat was trained on")
-    if capture.kind == "images" and test_keys:
-        notes.append("the poses, and the points, were found from all photographs, also from those held out")
     masked = mask_views(views, mask_files, mask_ids, turns.masks(views))
     names = view_names(list(views))
     train, test = (
@@ -139,7 +147,7 @@ def load_scene(
     problem = masked.problem
     notes += masked.notes
     if mask_files.files and problem is None:
-        train, said, problem = judge_masks(train, mask_folder or root)
+        train, said, problem = judge_masks(train, mask_folder or next(iter(mask_files.files.values())).parent)
         notes += said
     if problem is not None:
         test = test if mask_files.ground_truth else [view.with_mask(None) for view in test]
@@ -203,9 +211,10 @@ def _map_folder(root: Path, progress: bool) -> Capture:
     numbered = _numbered(list(images))
     cameras, points = map_images({number: images[name] for number, name in numbered.items()}, progress)
     shots = [Shot(numbered[number], camera) for number, camera in cameras.items()]
+    tracks = [frozenset(numbered[number] for number in track) for track in points.tracks]
     recovered = f"poses of {len(shots)} of {len(images)} images recovered with COLMAP's mapper"
     notes = [*found.notes, *_damage_notes(damaged), recovered]
-    return Capture("images", shots, found.folders, points, notes)
+    return Capture("images", shots, found.folders, replace(points, tracks=tracks), notes)
 
 
 def _with_points(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -57,13 +57,21 @@ class Points:
     Attributes:
         positions: World space [scene units], shape (P, 3), float64.
         colors: RGB, shape (P, 3), uint8.
+        tracks: Names of the images that each point was found in; empty where that is not known.
     """
 
     positions: np.ndarray
     colors: np.ndarray
+    tracks: Sequence[frozenset[str]] = ()
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    def without(self, images: Set[str]) -> Points:
+        """The points that two images or more show that are not among these; needs `tracks`."""
+        keep = np.array([len(track - images) >= 2 for track in self.tracks], bool)
+        tracks = [track for track, kept in zip(self.tracks, keep, strict=True) if kept]
+        return Points(self.positions[keep], self.colors[keep], tracks)
 
 
 @dataclass(frozen=True)

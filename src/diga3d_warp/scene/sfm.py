@@ -255,4 +255,6 @@ def _points(reconstruction: pycolmap.Reconstruction) -> Points:
     points = sorted(reconstruction.points3D.values(), key=first_feature)
     positions = np.array([point.xyz for point in points], np.float64).reshape(-1, 3)
     colors = np.array([point.color for point in points], np.uint8).reshape(-1, 3)
-    return Points(positions, colors)
+    names = {number: image.name.removesuffix(_SUFFIX) for number, image in reconstruction.images.items()}
+    tracks = [frozenset(names[element.image_id] for element in point.track.elements) for point in points]
+    return Points(positions, colors, tracks)
