@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -17,7 +17,7 @@ from diga3d_warp.scene.colmap import read_colmap
 from diga3d_warp.scene.formats.read import read_splat_points
 from diga3d_warp.scene.images import Photograph, Wanted, read_photograph, read_photographs
 from diga3d_warp.scene.llff import read_llff
-from diga3d_warp.scene.masks import find_masks, judge_masks, mask_views
+from diga3d_warp.scene.masks import find_masks, mask_views
 from diga3d_warp.scene.names import view_names
 from diga3d_warp.scene.nerfstudio import read_nerfstudio
 from diga3d_warp.scene.orientation import (
@@ -120,15 +120,9 @@ def load_scene(
         raise InputError(f"{root}: its split leaves no view for training; correct it, or restore the images")
 
     given = capture.points
-    if capture.kind == "images" and given is not None and test_keys:
-        all_points, given = (
-            len(given),
-            given.without({name for name, key in keys.items() if key in test_keys}),
-        )
-        notes.append(
-            "the poses were found from all photographs, those held out too; "
-            f"{all_points - len(given)} of {all_points} points that only they add are left out"
-        )
+    if given is not None and given.tracks and test_keys:
+        given, note = _of_training(given, {name for name, key in keys.items() if key in test_keys})
+        notes.append(note)
     views, turns, points, said = _with_points(views, turns, given, test_keys, progress)
     notes += said
     if not len(points):
@@ -138,20 +132,13 @@ def load_scene(
     may_be_seen = found.splat is not None and held_out is None and bool(test_keys)
     if may_be_seen:
         notes.append("the held-out views may be among those that the given splat was trained on")
-    masked = mask_views(views, mask_files, mask_ids, turns.masks(views))
     names = view_names(list(views))
-    train, test = (
-        [replace(view, name=names[key]) for key, view in masked.views.items() if (key in test_keys) == held]
-        for held in (False, True)
-    )
-    problem = masked.problem
+    views = {key: replace(view, name=names[key]) for key, view in views.items()}
+    masked = mask_views(views, mask_files, mask_ids, turns.masks(views), test_keys)
     notes += masked.notes
-    if mask_files.files and problem is None:
-        train, said, problem = judge_masks(train, mask_folder or next(iter(mask_files.files.values())).parent)
-        notes += said
-    if problem is not None:
-        test = test if mask_files.ground_truth else [view.with_mask(None) for view in test]
-        notes.append(f"masks are not used: {problem}")
+    train, test = (
+        [masked.views[key] for key in views if (key in test_keys) == held] for held in (False, True)
+    )
     scene = Scene(
         path,
         capture.kind,
@@ -162,7 +149,7 @@ def load_scene(
         found.splat,
         ground_truth=bool(mask_files.ground_truth),
         reading=Reading(image_scale, mask_folder, hold_out, tuple(mask_ids)),
-        mask_problem=problem,
+        mask_problem=masked.problem,
         may_be_seen=may_be_seen,
     )
     return with_near_planes(scene)
@@ -215,6 +202,15 @@ def _map_folder(root: Path, progress: bool) -> Capture:
     recovered = f"poses of {len(shots)} of {len(images)} images recovered with COLMAP's mapper"
     notes = [*found.notes, *_damage_notes(damaged), recovered]
     return Capture("images", shots, found.folders, replace(points, tracks=tracks), notes)
+
+
+def _of_training(points: Points, test: Set[str]) -> tuple[Points, str]:
+    """Mapped points that two training photographs show or more, and what to say of the others."""
+    kept = points.without(test)
+    return kept, (
+        "the poses were found from all photographs, those held out too; "
+        f"{len(points) - len(kept)} of {len(points)} points that only they add are left out"
+    )
 
 
 def _with_points(

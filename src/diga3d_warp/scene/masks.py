@@ -61,12 +61,14 @@ class MaskFiles:
         ground_truth: Keys of the images that show the scene without the object (SPIn-NeRF), or empty.
         notes: What was guessed, one line each.
         problem: Why masks that are there are not used; None if nothing is wrong.
+        folder: Folder that was named by the user.
     """
 
     files: Mapping[str, Path] = field(default_factory=dict)
     ground_truth: frozenset[str] = frozenset()
     notes: Sequence[str] = ()
     problem: str | None = None
+    folder: Path | None = None
 
 
 def find_masks(
@@ -108,7 +110,7 @@ def find_masks(
         return found
     chosen = match_masks(given, [key for key in keys if key not in found.ground_truth])
     truth = {key: path for key, path in found.files.items() if key in found.ground_truth}
-    return MaskFiles({**truth, **chosen.files}, found.ground_truth, chosen.notes)
+    return MaskFiles({**truth, **chosen.files}, found.ground_truth, chosen.notes, folder=given)
 
 
 def match_masks(folder: Path, keys: Sequence[str]) -> MaskFiles:
@@ -210,51 +212,75 @@ class Masked:
 
 
 def mask_views(
-    views: Mapping[str, View], found: MaskFiles, ids: Sequence[int], turns: Mapping[str, int]
+    views: Mapping[str, View],
+    found: MaskFiles,
+    ids: Sequence[int],
+    turns: Mapping[str, int],
+    test: frozenset[str],
 ) -> Masked:
-    """Views with the masks that were found; without any if one of them is no mask.
+    """Views with the masks that were found and tell where the object is; without any if they do not.
 
     Args:
         views: By image key.
         found: From `find_masks`.
         ids: Numbers of the objects that are meant; all if empty.
         turns: Of views with an EXIF orientation, the one to turn a mask by that is not turned as its view is.
+        test: Keys of the views that are held out.
 
     Raises:
         InputError: no mask holds one of the ids.
     """
     if not found.files:
-        return Masked(views, found.notes, found.problem)
+        return _without_masks(views, found.notes, found.problem)
     try:
         labels = {
             key: read_labels(file, views[key].camera.width, views[key].camera.height, turns.get(key, 1))
             for key, file in found.files.items()
         }
-        masks, notes = object_masks(labels, ids)
+        masks, said = object_masks(labels, ids)
     except InputError as error:
         if ids:
             raise
-        return Masked(views, found.notes, str(error))
+        return _without_masks(views, found.notes, str(error))
     masked = {key: view.with_mask(masks.get(key)) for key, view in views.items()}
+    masked, turned_notes = _turned_masks(masked, turns)
+    train = [key for key in views if key not in test]
+    source = found.folder or next(iter(found.files.values())).parent
+    kept, judged, problem = judge_masks([masked[key] for key in train], source)
+    if problem is not None and not found.ground_truth:
+        return _without_masks(views, found.notes, problem)
+    masked |= dict(zip(train, kept, strict=True))
+    notes = [*found.notes, *said, *turned_notes, *judged]
+    return Masked(masked, [*notes, *_unused(problem)], problem)
+
+
+def _without_masks(views: Mapping[str, View], notes: Sequence[str], problem: str | None) -> Masked:
+    return Masked(views, [*notes, *_unused(problem)], problem)
+
+
+def _unused(problem: str | None) -> list[str]:
+    return [] if problem is None else [f"masks are not used: {problem}"]
+
+
+def _turned_masks(views: Mapping[str, View], turns: Mapping[str, int]) -> tuple[dict[str, View], list[str]]:
+    """Views with masks turned where their sizes do not tell and their outlines do, and what to say of it."""
     doubtful = {
-        key: turn
+        key: turned(mask, turn)
         for key, turn in turns.items()
-        if (mask := masks.get(key)) is not None and mask.any() and turned(mask, turn).shape == mask.shape
+        if (mask := views[key].mask) is not None and mask.any() and turned(mask, turn).shape == mask.shape
     }
-    if doubtful:
-        better = masks_turned((masked[key], turn) for key, turn in doubtful.items())
-        if better:
-            masked |= {key: masked[key].with_mask(turned(masks[key], turn)) for key, turn in doubtful.items()}
-        if better is not False:
-            notes = [*notes, _turned_note(masked, doubtful, better)]
-    return Masked(masked, [*found.notes, *notes])
+    if not doubtful:
+        return dict(views), []
+    better = masks_turned((views[key], mask) for key, mask in doubtful.items())
+    notes = [] if better is False else [_turned_note(views, list(doubtful), better)]
+    changed = doubtful if better else {}
+    return {key: view.with_mask(changed.get(key, view.mask)) for key, view in views.items()}, notes
 
 
-def _turned_note(views: Mapping[str, View], doubtful: Mapping[str, int], better: bool | None) -> str:
-    first = next(iter(doubtful))
-    names = f"{len(doubtful)} photographs have an EXIF orientation ({listed(list(doubtful))})"
+def _turned_note(views: Mapping[str, View], doubtful: Sequence[str], better: bool | None) -> str:
+    names = f"{len(doubtful)} photographs have an EXIF orientation ({listed(doubtful)})"
     if better:
-        how = "shown" if views[first].orientation != 1 else "stored"
+        how = "shown" if views[doubtful[0]].orientation != 1 else "stored"
         return f"{names}; their masks are taken to be made on them as {how}: so their outlines fit"
     return f"{names}; their masks are taken to be turned as the photographs here: nothing tells otherwise"
 

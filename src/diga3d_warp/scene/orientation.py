@@ -199,16 +199,15 @@ def _color_difference(view: View, points: Points) -> float:
     return float(difference.mean()) if len(difference) else 0.0
 
 
-def masks_turned(views: Iterable[tuple[View, int]]) -> bool | None:
+def masks_turned(views: Iterable[tuple[View, np.ndarray]]) -> bool | None:
     """Whether masks fit their photographs when they are turned; None where neither way is clearly better.
 
     Args:
-        views: Views with masks, and the orientation to turn each mask by, which keeps its size.
+        views: Views with masks, each beside its mask turned, of the same size.
     """
     kept, changed, alike = [], [], True
-    for view, orientation in views:
+    for view, other in views:
         assert view.mask is not None
-        other = turned(view.mask, orientation)
         kept.append(_outline_contrast(view.pixels, view.mask))
         changed.append(_outline_contrast(view.pixels, other))
         alike &= bool((other == view.mask).all())
