@@ -74,7 +74,7 @@ class Refuses:
 
     Attributes:
         words: What the line must hold.
-        command: The command and its options, without SCENE and --out.
+        command: The command and its options, without SCENE and --out; {scene} stands for SCENE.
     """
 
     words: tuple[str, ...]
@@ -82,7 +82,7 @@ class Refuses:
 
     def check(self, scene_path: Path, room: FieldRoom, tmp_path: Path, capfd) -> None:
         before = sorted(tmp_path.rglob("*"))
-        name, *options = self.command
+        name, *options = (word.replace("{scene}", str(scene_path)) for word in self.command)
         assert cli.main([name, str(scene_path), *options, "--out", str(tmp_path / "run")]) == 2
         written = capfd.readouterr()
         lines = [line for line in written.err.replace("\r", "\n").splitlines() if "error" in line]

@@ -1,7 +1,5 @@
 """A photograph as a material: seamless, evenly lit, and refused in one line where it is not usable."""
 
-import struct
-import zlib
 from pathlib import Path
 
 import cv2
@@ -12,6 +10,7 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.materials.vocabulary import MATERIALS
 from diga3d_warp.objects.picture import chosen_material, opaque_square, picture_material, seamless
 from diga3d_warp.objects.solids import solid_of
+from written_files import announced
 
 
 def photograph(name: str) -> np.ndarray:
@@ -163,13 +162,8 @@ def test_one_colour_is_noted(tmp_path):
     assert solid_of("a cube", 0, tmp_path / "red.png").notes == material.notes
 
 
-def announced(path: Path) -> None:
-    """A PNG that announces 30000 x 30000 pixels."""
-    header = struct.pack(">IIBBBBB", 30000, 30000, 8, 2, 0, 0, 0)
-    chunks = b""
-    for kind, data in ((b"IHDR", header), (b"IDAT", zlib.compress(bytes(64))), (b"IEND", b"")):
-        chunks += struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunks)
+def bomb(path: Path) -> None:
+    path.write_bytes(announced(30000, 30000))
 
 
 def transparent(path: Path) -> None:
@@ -217,7 +211,7 @@ BAD_PICTURES = {
     cut_short: "cut short",
     tiny: "400 x 31 px; give at least 32",
     one_pixel: "1 x 1 px; give at least 32",
-    announced: "30000 x 30000 px; images of more than",
+    bomb: "30000 x 30000 px; images of more than",
     transparent: "alpha is 0 everywhere",
     hardly_opaque: "its largest square without transparent pixels is 21 x 21 px",
 }
