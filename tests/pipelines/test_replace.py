@@ -22,7 +22,7 @@ REMOVAL = ["effects", "fit", "lift", "clear", "look-behind", "references", "fill
 REMOVAL += ["propagate", "refit", "distil"]
 
 
-def replaced(removed, folder, prompt="a golden sphere", **options):
+def replaced(removed, folder, prompt="a big golden sphere", **options):
     """A replacement that takes the removal's stages up."""
     run = Run(folder, "replace", {"seed": 0}, resume=True)
     for stage in REMOVAL:
@@ -45,7 +45,9 @@ def views_of(removed):
 
 
 def test_the_run_folder_holds_what_it_should(golden, removed):
-    stages = [stage["name"] for stage in read_manifest(golden.run.folder)["stages"]]
+    manifest = read_manifest(golden.run.folder)
+    stages = [stage["name"] for stage in manifest["stages"]]
+    assert manifest["notes"] == ["not used of the prompt: 'big'"]
     assert stages == [*REMOVAL, "look", "place", "settle", "views"]
     names = sorted(f"{view.name}.png" for view in views_of(removed))
     for place in ("views/before", "views/after", "masks"):
