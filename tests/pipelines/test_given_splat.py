@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import torch
 
 from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
@@ -43,3 +45,21 @@ def test_an_antialiased_splat_is_drawn_and_published_so(room, tmp_path, monkeypa
     assert len(kept) == 60 and (kept.opacities[:5] == 1.0).all()
     published, _ = stages.finish(run, "fit")
     torch.testing.assert_close(published.means, gaussians.means, rtol=1e-6, atol=1e-6)
+
+
+def test_stages_read_back_every_row_that_they_wrote(room, tmp_path):
+    """`free` goes by row: a row dropped on the way would shift all that follow."""
+    views = [replace(view, mask=np.zeros(view.pixels.shape[:2], bool)) for view in load_scene(room).views[:2]]
+    source = random_gaussians(40)
+    source.quaternions[5] = 0.0
+    source.opacity_logits[9] = -float("inf")
+    rows = torch.zeros(40, dtype=torch.bool)
+    rows[:3] = True
+    run = Run(tmp_path / "run", "remove", {})
+    masks = {view.name: view.mask for view in views}
+    cleared = stages.clear_object(run, views, masks, source, rows, LiftSettings())
+    assert len(cleared.gaussians) == len(cleared.free) == 37
+    for (name, mine), (_, theirs) in zip(
+        cleared.gaussians.named(), source.select(~rows).named(), strict=True
+    ):
+        torch.testing.assert_close(mine, theirs, rtol=0, atol=0, msg=name)

@@ -1,4 +1,4 @@
-"""Formats that GaussForge converts: .spz and .sog to and from a standard .ply, and that to .splat.
+"""Formats that GaussForge converts: .spz and .sog to a standard .ply, and that to .splat.
 
 It runs in a process of its own with a bound on memory and time: its readers of some formats crash on damaged
 files.
@@ -27,14 +27,13 @@ class ChildLimits:
         per_gaussian: Address space for each gaussian [bytes]: the file, unpacked parameters in float32, the
             .ply and copies of each while vectors grow.
         seconds: Time beside that of the gaussians [s].
-        seconds_per_gaussian: Time for each [s]. Clustering the harmonics of a .sog of a million takes 10 ms
-            for each on one core.
+        seconds_per_gaussian: Time for each [s]. It takes some microseconds.
     """
 
     memory: int = 1 << 30
     per_gaussian: int = 2500
     seconds: float = 60.0
-    seconds_per_gaussian: float = 5e-2
+    seconds_per_gaussian: float = 1e-3
 
 
 LIMITS = ChildLimits()
@@ -56,7 +55,7 @@ def convert(data: bytes, source: str, target: str, path: Path, count: int) -> by
     Args:
         data: Contents of the file.
         source: Its format, in GaussForge's words: "ply", "spz" or "sog".
-        target: The format to make: "ply", "splat" or "sog".
+        target: The format to make: "ply" or "splat".
         path: For error lines.
         count: Gaussians that the file announces.
 

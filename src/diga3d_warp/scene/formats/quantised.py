@@ -16,6 +16,12 @@ def logits(opacities: np.ndarray) -> np.ndarray:
     return np.log(share / (1 - share)).astype(np.float32)
 
 
+def bytes_of_logits(values: np.ndarray) -> np.ndarray:
+    """Opacities as 0 to 255, shape (N,), uint8."""
+    with np.errstate(over="ignore"):
+        return np.rint(255 / (1 + np.exp(-values.astype(np.float64)))).astype(np.uint8)
+
+
 def constant_harmonics(colors: np.ndarray) -> np.ndarray:
     """Constant harmonics of colours, where 0 is black and 1 white, float32."""
     return ((colors - 0.5) / DC_TO_COLOR).astype(np.float32)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import zipfile
 import zlib
@@ -14,8 +13,10 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.scene.decoding import read_header
 
 META = "meta.json"
+CODEBOOK = 256
+"""Entries of each codebook."""
+
 _META_MOST = 1 << 24  # bytes; codebooks take 20 kB
-_CODEBOOK = 256
 _PREFIX = 1 << 16  # bytes of an image in which its size stands
 _LAYERS = ("means", "scales", "quats", "sh0", "shN")
 
@@ -64,8 +65,8 @@ def _checked(meta: Any, archive: zipfile.ZipFile, path: Path) -> SogHeader:
     if not isinstance(count, int) or isinstance(count, bool) or count < 0:
         raise ValueError("its count is no number")
     for layer in {"scales", "sh0", "shN"} & meta.keys():
-        if len(meta[layer]["codebook"]) != _CODEBOOK:
-            raise ValueError(f"the codebook of {layer} has not {_CODEBOOK} entries")
+        if len(meta[layer]["codebook"]) != CODEBOOK:
+            raise ValueError(f"the codebook of {layer} has not {CODEBOOK} entries")
     for layer in _LAYERS:
         for name in meta[layer]["files"] if layer in meta or layer != "shN" else ():
             with archive.open(name) as file:
@@ -73,16 +74,3 @@ def _checked(meta: Any, archive: zipfile.ZipFile, path: Path) -> SogHeader:
             if width * height < count and not name.startswith("shN_centroids"):
                 raise ValueError(f"{name} has {width} x {height} px for {count} gaussians")
     return SogHeader(count, meta.get("model") == "antialiased" or meta.get("antialias") is True)
-
-
-def with_antialiased(data: bytes) -> bytes:
-    """The same .sog, marked as anti-aliased in the words of its specification and of splat-transform."""
-    output = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(data)) as source, zipfile.ZipFile(output, "w") as target:
-        for entry in source.infolist():
-            content = source.read(entry)
-            if entry.filename == META:
-                meta = {**json.loads(content), "antialias": True, "model": "antialiased"}
-                content = json.dumps(meta).encode()
-            target.writestr(entry, content)
-    return output.getvalue()

@@ -12,10 +12,11 @@ import numpy as np
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import whole_file
-from diga3d_warp.scene.formats import sog, spz
+from diga3d_warp.scene.formats import spz
 from diga3d_warp.scene.formats.conversion import convert, require
 from diga3d_warp.scene.formats.read import read_splat
 from diga3d_warp.scene.formats.rows import SplatRows
+from diga3d_warp.scene.formats.sog_writer import encode_sog
 from diga3d_warp.scene.formats.standard_ply import ANTIALIASED, ply_contents, write_ply
 from diga3d_warp.scene.morton import morton_order
 
@@ -189,8 +190,7 @@ def _splat(path: Path, rows: SplatRows, antialiased: bool) -> bytes:
 
 
 def _sog(path: Path, rows: SplatRows, antialiased: bool) -> bytes:
-    encoded = convert(_plain(rows), "ply", "sog", path, len(rows))
-    return sog.with_antialiased(encoded) if antialiased else encoded
+    return encode_sog(rows, antialiased)
 
 
 _ENCODERS = {"compressed-ply": _compressed_ply, "spz": _spz, "splat": _splat, "sog": _sog}
