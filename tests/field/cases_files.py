@@ -343,6 +343,14 @@ def images_in_another_folder(room: FieldRoom, folder: Path) -> Path:
     return folder
 
 
+@case(Refuses(("no photographs found; put them into",)))
+def masks_without_photographs(room: FieldRoom, folder: Path) -> Path:
+    """Masks have the names of the images; they are not read for them."""
+    room.colmap(folder, masks=True)
+    shutil.rmtree(folder / "images")
+    return folder
+
+
 @case(Refuses(("no capture recognised", "expected sparse/0 with cameras and images files")))
 def half_a_model(room: FieldRoom, folder: Path) -> Path:
     room.colmap_text(folder)

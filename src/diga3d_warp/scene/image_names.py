@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
+from diga3d_warp.scene.find_images import find_images
 from diga3d_warp.scene.folders import image_folders, images_below, is_run, walk
-from diga3d_warp.scene.names import find_images, inside, leads_outside, listed
+from diga3d_warp.scene.names import inside, is_derived, leads_outside, listed
 
 # Names that are looked for in each folder where `images` is not there.
 _SAMPLE = 20
@@ -91,6 +92,8 @@ def _search(root: Path, names: Sequence[str]) -> Path | None:
     some = names[:: max(len(names) // _SAMPLE, 1)]
     best: tuple[int, Path | None] = (0, None)
     for folder, _ in walk(root, _DEPTH):
+        if is_derived(folder.relative_to(root).as_posix()):
+            continue
         found = find_images(some, folder, images_below(folder)).files
         depths = {name: len(path.relative_to(folder).parts) for name, path in found.items()}
         count = sum(depth == len(PurePosixPath(name).parts) for name, depth in depths.items())

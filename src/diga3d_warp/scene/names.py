@@ -6,8 +6,7 @@ import posixpath
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 from diga3d_warp.errors import InputError
@@ -31,10 +30,15 @@ _LONGEST_PART, _LONGEST_PATH = 255, 4096
 _LONGEST_NAME = 160
 # Code pages that names which are not UTF-8 may be in: Windows and DOS of western Europe, Windows of central
 # Europe and in Cyrillic, Japanese, Chinese, Korean. Of those that fit equally many files, the first is taken.
-_CODE_PAGES = ("cp1252", "cp850", "cp1250", "cp1251", "cp932", "gbk", "cp949", "mac_roman")
-# Of several files that an image named without its ending may be: photographs are mostly JPEG, while a .png
-# of the same name is more often its mask or its depth.
-_ENDINGS_BY_LIKELIHOOD = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
+CODE_PAGES = ("cp1252", "cp850", "cp1250", "cp1251", "cp932", "gbk", "cp949", "mac_roman")
+
+# Folders of images that are no photographs, as scanning apps, COLMAP, nerfstudio and data sets name them.
+_DERIVED = frozenset({
+    "alpha", "alphas", "annotations", "colmap", "conf", "confidence", "dense", "depth", "depth_maps",
+    "depths", "disparity", "flow", "label", "labels", "mask", "masks", "normal", "normals", "preview",
+    "previews", "rendered", "renders", "sam", "seg", "segmentation", "semantic", "sparse", "stereo",
+    "test_label", "thumb", "thumbnail", "thumbnails", "thumbs",
+})  # fmt: skip
 
 
 def composed(name: str) -> str:
@@ -52,6 +56,11 @@ def image_key(name: str) -> str:
     return str(path.with_suffix("") if ends else path)
 
 
+def is_derived(path: str | PurePosixPath) -> bool:
+    """Whether a path leads through a folder of masks, depth, previews and the like, by its name."""
+    return not _DERIVED.isdisjoint(part.lower() for part in PurePosixPath(path).parts)
+
+
 def listed(names: Sequence[str]) -> str:
     """Names in one line that can be read."""
     rest = f" and {len(names) - _NAMES_LISTED} more" if len(names) > _NAMES_LISTED else ""
@@ -60,11 +69,11 @@ def listed(names: Sequence[str]) -> str:
 
 def shown(name: str) -> str:
     """A name as it can be printed: bytes that are not UTF-8 as Windows means them, no control characters."""
-    raw = _bytes(name)
+    raw = name_bytes(name)
     try:
         text = raw.decode()
     except UnicodeDecodeError:
-        text = raw.decode(_CODE_PAGES[0], "replace")
+        text = raw.decode(CODE_PAGES[0], "replace")
     return "".join(letter if letter.isprintable() and letter != "\ufffd" else "_" for letter in text)
 
 
@@ -83,7 +92,7 @@ def inside(root: Path, name: str, source: Path, folders: Sequence[Path] = ()) ->
     Raises:
         InputError: the path leaves the scene, or no file can be called so.
     """
-    too_long = max(map(len, map(_bytes, re.split(r"[/\\]", name)))) > _LONGEST_PART
+    too_long = max(map(len, map(name_bytes, re.split(r"[/\\]", name)))) > _LONGEST_PART
     if not name.strip() or "\0" in name or too_long or len(name) > _LONGEST_PATH:
         raise InputError(f"{source}: {name[:80]!r} is no name of a file; export it again")
     written = PurePosixPath(posixpath.normpath(name.replace("\\", "/")))
@@ -114,133 +123,12 @@ def _is_named(path: Path) -> bool:
         return False
 
 
-@dataclass(frozen=True)
-class Found:
-    """Files that names mean.
-
-    Attributes:
-        files: File of each name that has one.
-        notes: What was guessed, one line each.
-    """
-
-    files: Mapping[str, Path]
-    notes: Sequence[str]
-
-
-def find_images(names: Sequence[str], folder: Path, files: Sequence[Path]) -> Found:
-    """The files that a calibration's names mean, each file for one name at most.
-
-    A name that is a file's own is that file, whatever lies beside it. For names that no file bears, in this
-    order: accents composed or apart and other code pages; upper and lower case; another ending, or none; the
-    file name without its folders, where only one file has it. The latter two are noted.
-
-    Args:
-        names: Paths below `folder`, with forward slashes, with or without an ending. Bytes that are not
-            UTF-8 as `surrogateescape` keeps them.
-        folder: Where the files lie.
-        files: Image files below it.
-    """
-    relative = {path.relative_to(folder).as_posix(): path for path in files}
-    found = {name: relative[name] for name in names if name in relative}
-    notes = []
-    text, page = _readable([*names, *relative])
-    if page:
-        notes.append(f"{folder}: image names that are not UTF-8 are read as {page}")
-
-    def plain(name: str) -> str:
-        return composed(text.get(name, name))
-
-    def match(spelled: Callable[[str], str]) -> dict[str, list[str]]:
-        """Names left, and the files left that are spelled alike; none where two names are."""
-        used = set(found.values())
-        free = [name for name, path in relative.items() if path not in used]
-        left = [name for name in names if name not in found]
-        spellings = Counter(spelled(name) for name in dict.fromkeys(left))
-        alike: dict[str, list[str]] = {}
-        for name in sorted(free, key=likelihood):
-            alike.setdefault(spelled(name), []).append(name)
-        return {name: alike.get(spelled(name), []) for name in left if spellings[spelled(name)] == 1}
-
-    for spelled in (plain, lambda name: plain(name).casefold()):
-        found |= {name: relative[some[0]] for name, some in match(spelled).items() if len(some) == 1}
-    for spelled in (lambda name: image_key(plain(name)), lambda name: image_key(plain(name)).casefold()):
-        chosen = {name: some for name, some in match(spelled).items() if some and not _are_one(some, plain)}
-        found |= {name: relative[some[0]] for name, some in chosen.items()}
-        notes += _ending_notes(folder, chosen)
-    for spelled in (
-        lambda name: PurePosixPath(plain(name)).name.casefold(),
-        lambda name: PurePosixPath(image_key(plain(name))).name.casefold(),
-        # 3DGS cuts names at their first dot.
-        lambda name: PurePosixPath(plain(name)).name.casefold().split(".")[0],
-    ):
-        only = {name: some[0] for name, some in match(spelled).items() if len(some) == 1}
-        found |= {name: relative[file] for name, file in only.items()}
-        if only:
-            notes.append(
-                f"{folder}: {len(only)} images are found by a part of their names only: {_pairs(only)}"
-            )
-    return Found(found, notes)
-
-
-def _are_one(names: Sequence[str], plain: Callable[[str], str]) -> bool:
-    """Whether the likeliest of several names differs from another in upper and lower case only."""
-    return plain(names[0]).casefold() in {plain(name).casefold() for name in names[1:]}
-
-
-def likelihood(name: str) -> tuple[int, str]:
-    """Sorts files of one name by how likely they are to be the photograph."""
-    suffix = PurePosixPath(name).suffix.lower()
-    order = _ENDINGS_BY_LIKELIHOOD
-    return (order.index(suffix) if suffix in order else len(order), name)
-
-
-def _pairs(pairs: Mapping[str, str]) -> str:
-    return listed([f"{name} -> {file}" for name, file in list(pairs.items())[:1]]) + (
-        f" and {len(pairs) - 1} more" if len(pairs) > 1 else ""
-    )
-
-
-def _ending_notes(folder: Path, chosen: Mapping[str, Sequence[str]]) -> list[str]:
-    """What to say of images that were found under another ending, or under one of several."""
-    notes = []
-    other = {name: some[0] for name, some in chosen.items() if image_key(name) != composed(name)}
-    several = {name: some for name, some in chosen.items() if name not in other and len(some) > 1}
-    if other:
-        notes.append(
-            f"{folder}: {len(other)} images have another ending than the calibration says: {_pairs(other)}"
-        )
-    if several:
-        some = next(iter(several.values()))
-        notes.append(
-            f"{folder}: {len(several)} images are named without an ending, and several files fit: of "
-            f"{listed(some)} the first is read"
-        )
-    return notes
-
-
-def _readable(names: Iterable[str]) -> tuple[dict[str, str], str | None]:
-    """Names that are not UTF-8 in the code page in which most of them are names of the others, and which."""
-    every = set(names)
-    odd = {name for name in every if not is_utf8(name)}
-    wanted = {image_key(name).casefold() for name in every - odd}
-    best: tuple[int, dict[str, str], str | None] = (0, {}, None)
-    for page in _CODE_PAGES:
-        try:
-            decoded = {name: _bytes(name).decode(page) for name in odd}
-        except UnicodeDecodeError:
-            continue
-        hits = sum(image_key(text).casefold() in wanted for text in decoded.values())
-        if hits > best[0]:
-            best = (hits, decoded, page)
-    return best[1], best[2]
-
-
 def is_utf8(name: str) -> bool:
     """Whether a name holds no bytes that `surrogateescape` kept."""
     return not any("\udc80" <= letter <= "\udcff" for letter in name)
 
 
-def _bytes(name: str) -> bytes:
+def name_bytes(name: str) -> bytes:
     try:
         return name.encode("utf-8", "surrogateescape")
     except UnicodeEncodeError:  # half a pair of UTF-16, which JSON can hold and no file name can

@@ -16,11 +16,12 @@ from diga3d_warp.files import read_json
 from diga3d_warp.scene.capture import Capture, Shot
 from diga3d_warp.scene.decoding import read_header
 from diga3d_warp.scene.entries import Entries
+from diga3d_warp.scene.find_images import find_images
 from diga3d_warp.scene.folders import entry, image_folders, image_siblings
 from diga3d_warp.scene.formats.read import read_splat_points
 from diga3d_warp.scene.formats.recognise import splat_format
 from diga3d_warp.scene.image_names import name_images
-from diga3d_warp.scene.names import find_images, inside, leads_outside
+from diga3d_warp.scene.names import inside, leads_outside
 from diga3d_warp.scene.point_cloud import read_points
 from diga3d_warp.scene.split import read_split
 from diga3d_warp.scene.transforms import read_frames

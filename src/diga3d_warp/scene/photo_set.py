@@ -15,16 +15,10 @@ import numpy as np
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.decoding import decode, read_bytes, read_header
+from diga3d_warp.scene.find_images import likelihood
 from diga3d_warp.scene.folders import image_folders, images_below, unread_images, unread_line
-from diga3d_warp.scene.names import image_key, likelihood, listed
+from diga3d_warp.scene.names import image_key, is_derived, listed
 
-# Folders of images that are no photographs, as scanning apps, COLMAP, nerfstudio and data sets name them.
-_DERIVED = frozenset({
-    "alpha", "alphas", "annotations", "colmap", "conf", "confidence", "dense", "depth", "depth_maps",
-    "depths", "disparity", "flow", "label", "labels", "mask", "masks", "normal", "normals", "preview",
-    "previews", "rendered", "renders", "sam", "seg", "segmentation", "semantic", "sparse", "stereo",
-    "test_label", "thumb", "thumbnail", "thumbnails", "thumbs",
-})  # fmt: skip
 # Folders of photographs made from others: of Polycam, of COLMAP and other undistorters, of editors.
 _CHANGED = re.compile(
     "corrected|undistort|rectif|resized|scaled|small|low_?res|edited|retouch|enhanced|denois"
@@ -111,7 +105,7 @@ def _kept(groups: Mapping[str, Sequence[Path]]) -> tuple[list[str], list[tuple[s
     dropped: list[tuple[str, str]] = []
     left = []
     for group in groups:
-        if _DERIVED & {part.lower() for part in Path(group).parts}:
+        if is_derived(group):
             dropped.append((group, "by its name"))
         else:
             left.append(group)

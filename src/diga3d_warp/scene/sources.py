@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from diga3d_warp.scene.find_images import find_images
 from diga3d_warp.scene.folders import images_below, unread_images, unread_line
 from diga3d_warp.scene.images import choose_folder
-from diga3d_warp.scene.names import find_images, image_key, is_utf8, listed
+from diga3d_warp.scene.names import image_key, is_utf8, listed
 from diga3d_warp.scene.photo_set import COPIES, likeness
 
 # Pairs of images that are compared, spread over a folder, before two folders are matched by their order.
