@@ -20,6 +20,7 @@ from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines.method import PAPER
 from diga3d_warp.pipelines.remove import REFIT, RemoveSettings, remove_object
 from diga3d_warp.pipelines.run import Run
+from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.scene.scene import Scene
 
 
@@ -106,7 +107,10 @@ def test_views_without_a_mask_get_one(room, removed, tmp_path):
     some = replace(some, test_views=[view.with_mask(None) for view in scene.test_views])
     run = Run(tmp_path / "run", "remove", {"seed": 0})
     shutil.copytree(removed.folder / "stages" / "fit", run.folder / "stages" / "fit")
-    remove_object(some, run, replace(SETTINGS, refit=replace(REFIT, iterations=1)))
+    settings = replace(SETTINGS, refit=replace(REFIT, iterations=1))
+    remove_object(some, run, settings, prior=ExemplarPrior(negative="a vase"))
+    (note,) = json.loads((run.folder / "manifest.json").read_text())["notes"]
+    assert note.startswith("prior exemplar reads no words of the negative prompt")
     for view in every_view(removed):
         found = cv2.imread(str(run.folder / "masks" / f"{view.name}.png"), cv2.IMREAD_GRAYSCALE) > 127
         overlap = (found & removed.mask(view.name)).sum() / (found | removed.mask(view.name)).sum()

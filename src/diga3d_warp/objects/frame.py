@@ -1,4 +1,4 @@
-"""Where an object is and how it stands: its axes, its base and its size."""
+"""Frame of an object: axes, base and size."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from diga3d_warp.objects.surface import unit
 from diga3d_warp.scene.camera import Camera
 
 FAN = 0.02
-"""Mean square of right hands off their main direction from which on they span a plane: 8 degrees."""
+"""Mean square deviation of the cameras' right axes from their main direction from which on they span a plane:
+8 degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,24 +30,24 @@ class Frame:
     extent: np.ndarray
 
     def inward(self, points: np.ndarray) -> np.ndarray:
-        """World positions (P, 3) in the frame [scene units]."""
+        """World positions (P, 3) in frame coordinates [scene units]."""
         return (points - self.origin) @ self.axes.T
 
     def outward(self, points: np.ndarray) -> np.ndarray:
-        """Positions in the frame (P, 3) in world space."""
+        """Frame coordinates (P, 3) in world space."""
         return points @ self.axes + self.origin
 
     def turned(self, directions: np.ndarray) -> np.ndarray:
-        """Directions in world space (P, 3), as the frame sees them."""
+        """World directions (P, 3) in frame coordinates."""
         return directions @ self.axes.T
 
 
 def upward(cameras: Sequence[Camera]) -> np.ndarray:
-    """Up in world space, from how the cameras were held, shape (3,), unit length.
+    """Up in world space, estimated from the cameras, shape (3,), unit length.
 
-    Photographers turn about the vertical and nod, but seldom roll: all their right hands lie in the
-    horizontal plane, and up is at right angles to it. Where all look one way, they name no plane, and up is
-    the mean of the images' upward edges.
+    Cameras yaw and pitch, but seldom roll: their right axes lie in the horizontal plane, and up is its
+    normal. Where all cameras face one way, the plane is not defined, and up is the mean of the images' up
+    axes.
     """
     rotations = np.stack([camera.pose[:3, :3] for camera in cameras])
     right = rotations[:, 0]
@@ -62,7 +63,7 @@ def frame_of(points: np.ndarray, up: np.ndarray, facing: np.ndarray) -> Frame:
     Args:
         points: On its surface, shape (M, 3).
         up: Upwards, unit length, shape (3,).
-        facing: Some direction towards the viewers, shape (3,): the frame's -y, as far as it is horizontal.
+        facing: Direction towards the cameras, shape (3,); its horizontal part is the frame's -y.
     """
     back = -(facing - up * (facing @ up))
     if np.linalg.norm(back) < 1e-6:

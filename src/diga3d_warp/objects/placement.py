@@ -1,4 +1,4 @@
-"""An asset at its place in a scene: what cameras see of it, its gaussians, and its shadow on the support."""
+"""An asset placed in a scene: its renderings and its gaussians."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from diga3d_warp.splatting.render import render
 
 @dataclass(frozen=True)
 class PlacementSettings:
-    """How an asset is drawn and covered with gaussians.
+    """Sampling of an asset's renderings and gaussians.
 
     Attributes:
         supersampling: Rays per pixel and axis.
-        strata: Rays per axis of the hemisphere that tell how open a point is: 64 rays, 3 % noise.
-        bounce: What closed directions send back [share of open ones]: the colour of a floor, about.
+        strata: Rays per axis of the hemisphere for ambient occlusion: 64 rays, 3 % noise.
+        bounce: Light from occluded directions [share of open ones]: about the albedo of a floor.
         gaussians: Most gaussians on its surface.
         width: Deviation of a gaussian along the surface [distance to its neighbours]: closes the gaps.
         thickness: Deviation across the surface [of that along it].
@@ -65,7 +65,7 @@ class Sample:
 
 
 class PlacedMesh:
-    """A mesh asset that stands in a scene."""
+    """A mesh asset placed in a scene."""
 
     def __init__(
         self, asset: MeshAsset, frame: Frame, scale: float, light: Light,
@@ -74,18 +74,18 @@ class PlacedMesh:
         """Put an asset onto the base of a frame.
 
         Args:
-            asset: What to put.
-            frame: Where; the asset's axes become the frame's.
+            asset: The asset.
+            frame: Its place; the asset's axes become the frame's.
             scale: Its size [scene units].
-            light: What falls on it.
-            settings: How it is drawn.
+            light: Light of the scene.
+            settings: Sampling of renderings and gaussians.
         """
         self.asset, self.frame, self.scale, self.light = asset, frame, scale, light
         self.settings = settings or PlacementSettings()
         self.vertices = frame.outward(asset.vertices * scale)
 
     def look(self, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What a camera sees of it alone.
+        """Render it alone.
 
         Returns:
             Display colours premultiplied by coverage (H, W, 3), coverage in [0, 1] (H, W), and z of its
@@ -195,7 +195,7 @@ class PlacedMesh:
 
     @cached_property
     def _corner_openness(self) -> np.ndarray:
-        """Light at the corners of each face against that of an open place, shape (F, 3)."""
+        """Ambient light at the corners of each face, relative to an unoccluded one, shape (F, 3)."""
         vertices, faces = self.asset.vertices, self.asset.faces
         floor = np.array([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]])
         around = warp_mesh(
@@ -207,7 +207,7 @@ class PlacedMesh:
         inset = corners + 0.05 * (corners.mean(axis=1, keepdims=True) - corners)
         inset[..., 2] = np.maximum(inset[..., 2], 2e-3)
         open_share = openness(around, inset.reshape(-1, 3), self.asset.normals.reshape(-1, 3), self.settings)
-        # Open means open to the sky: a wall on an endless floor sees half of it.
+        # Relative to an unoccluded point on an infinite floor: a vertical face sees half the sky.
         upward = self.asset.normals.reshape(-1, 3)[:, 2]
         expected = np.maximum(0.5 + 0.5 * upward, 0.0)
         bounce = self.settings.bounce
@@ -251,7 +251,7 @@ def turning_z_to(directions: np.ndarray) -> np.ndarray:
 
 
 class PlacedSplat:
-    """A splat asset that stands in a scene, in its own colours."""
+    """A splat asset placed in a scene, in its own colours."""
 
     def __init__(self, asset: SplatAsset, frame: Frame, scale: float, effects: Effects) -> None:
         """Put an asset onto the base of a frame, as `PlacedMesh`, to be drawn with the scene's effects."""

@@ -1,4 +1,4 @@
-"""What retexture asks of a prior: the object of all views in another material, and the built-in answer."""
+"""Repainting of an object in all views: the protocol, and procedural materials on the fused surface."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TEXTURE = 512
 
 
 class Repainter(Protocol):
-    """Makes the images that retexture fits the object to."""
+    """Makes the images that the object's colours are fitted to."""
 
     @property
     def name(self) -> str:
@@ -32,7 +32,7 @@ class Repainter(Protocol):
 
         Args:
             sights: The object in every view.
-            references: Indices of the views that stand for all; a prior may start from those.
+            references: Indices of the reference views; a prior may repaint them first.
             seed: Same sights and seed, same bytes.
 
         Returns:

@@ -16,14 +16,14 @@ from diga3d_warp.objects.surface import unit
 
 @dataclass(frozen=True)
 class ShadowSettings:
-    """How a shadow is computed.
+    """Resolution of the shadow map, and the area light.
 
     Attributes:
         half: Half the edge of the map, around the object [object sizes]; further off it is too faint.
         cells: Cells across the map.
         lift: Height of the cells above the surface [object sizes]: above the rounding of float32.
-        lamp_distance: Of the lamp that stands for the brightest direction [object sizes].
-        lamp_edge: Its edge [object sizes]; gives penumbras as wide as half the shadow's length.
+        lamp_distance: Distance of the area light in the brightest direction [object sizes].
+        lamp_edge: Its edge [object sizes]; penumbras are half as wide as the shadow is long.
         lamp_strata: Shadow rays per axis.
         low: Least height of the lamp above the surface [sine]; lower light casts shadows beyond the map.
         direct_most: Most of the light that may come from the lamp: the estimate of its direction is rough,

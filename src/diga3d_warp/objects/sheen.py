@@ -1,4 +1,4 @@
-"""What polished metal looks like: it shows its surroundings, not the light that falls on it.
+"""Look of polished metal, which mirrors its surroundings.
 
 Gaussians fitted to views that agree show a surface whose colour does not turn with the viewer. So each point
 shows what a viewer right in front of it, looking level, would see mirrored there: the room as it mostly is,

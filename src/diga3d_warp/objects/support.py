@@ -1,4 +1,4 @@
-"""The surface that an object stands on, and the place of another object on it."""
+"""The support plane of an object, and the place of another object on it."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ class SupportSettings:
         depth, rise: How far below and above its base [object sizes].
         tolerance: Distance from a plane that counts as on it [object sizes].
         tilt: Least cosine between plane and vertical: 20 degrees.
-        trials: Planes that are tried. Half the points on the floor: all but 1e-9 of runs hit it.
-        least: Fewest points of a plane; below, the object stood on nothing that was seen.
+        trials: Number of random planes. With half of the points on the floor, it is missed with probability
+            1e-9.
+        least: Least points of a plane; with fewer there is no visible support.
         seed: Of the trials.
     """
 
@@ -45,14 +46,14 @@ class Place:
 
     Attributes:
         frame: On the support surface, z at right angles to it; its extent is the room that there is.
-        supported: Whether a surface was found; else the frame stands at the old object's base.
+        supported: Whether a support plane was found; if not, the frame is at the old object's base.
     """
 
     frame: Frame
     supported: bool
 
     def scale(self, extent: np.ndarray) -> float:
-        """How much an asset of this extent (3,) grows, to fill the old object's place but not exceed it."""
+        """Scale of an asset of this extent (3,) that fills the old object's extent without exceeding it."""
         across, height = self.frame.extent[:2].max(), self.frame.extent[2]
         return float(min(across / max(extent[:2].max(), 1e-9), height / max(extent[2], 1e-9)))
 
@@ -92,9 +93,9 @@ def find_place(
 
 
 def _whole(frame: Frame, centers: np.ndarray) -> Frame:
-    """The frame of all of an object of which cameras on one side saw only the front.
+    """The frame of a whole object of which cameras on one side saw only the front.
 
-    Its hidden side is taken to be as deep as the object is wide.
+    The object is assumed to be as deep as it is wide.
     """
     towards = unit(frame.inward(centers) * [1, 1, 0])
     one_sided = float(np.linalg.norm(towards.mean(axis=0)))

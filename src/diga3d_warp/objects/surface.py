@@ -35,7 +35,7 @@ PART = 0.1
 
 @dataclass(frozen=True)
 class FuseSettings:
-    """How depth is fused.
+    """Thresholds of fusing depth.
 
     Attributes:
         blur: Deviation of the smoothing of a view's depth before normals are taken of it [px]: depth of a
@@ -47,8 +47,9 @@ class FuseSettings:
         crowd: Pixels behind a point, on average; with fewer pixels in all, points lie further apart.
         smoothing: Rounds in which each point moves to the plane of its neighbours.
         neighbours: How many of them.
-        voices: Least number of pixels behind a point, of all views; lone ones are floaters.
-        lone: Parts of the object in an image that are smaller than this share of it are floaters, too.
+        voices: Least number of pixels behind a point, over all views; points with fewer are floaters.
+        lone: Least part of the object's area in an image that a connected component has; smaller ones are
+            floaters.
     """
 
     blur: float = 1.5

@@ -11,7 +11,7 @@ SHARPNESS = 5.0
 edge."""
 
 SHIFTS = ((0.0, 0.0), (0.37, 0.61), (0.71, 0.23))
-"""Starts of the three projections [repeats]: unlike, so that no mirror images meet."""
+"""Offsets of the three projections [repeats], different so that no mirror images meet at an edge."""
 
 
 def wrap(
@@ -34,7 +34,7 @@ def wrap(
     weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-12)
     x, y, z = place.T
     mean = texture.mean(axis=(0, 1))
-    # Each side is seen from outside: u runs to the right for whoever looks at it.
+    # u runs to the right as seen from outside.
     planes = ((np.sign(normal[:, 0]) * y, -z), (-np.sign(normal[:, 1]) * x, -z), (x, -y))
     deviation = np.zeros((len(points), 3))
     for k, (u, v) in enumerate(planes):

@@ -1,4 +1,4 @@
-"""Stages of replace: the new object at the old one's place in every view, and the fit to those views."""
+"""Stages of replace: place the new object, compose it into every view, and fit to those views."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class PlacingSettings:
     """Thresholds of occlusion, support and shadow where the new object meets the scene.
 
     Attributes:
-        behind: How much nearer than the object's front the scene must be to hide it [object sizes]: the
-            depth of the filled floor wavers.
+        behind: Distance in front of the object from which the scene hides it [object sizes]: the depth of the
+            filled floor is noisy.
         around: How far around the middle the support reaches for certain [object sizes].
         room: How far around the middle the object itself reaches, with a margin [object sizes].
         floor: Height up to which a gaussian is the support itself [object sizes].

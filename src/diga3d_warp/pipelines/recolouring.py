@@ -1,4 +1,4 @@
-"""Stages of retexture: the object in every view, its new look, and the fit of its colours to that."""
+"""Stages of retexture: render the object in every view, repaint it, and fit its colours."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from diga3d_warp.state import read_arrays, read_picture, read_plane
 
 @dataclass(frozen=True)
 class SplitSettings:
-    """How fine the object's gaussians are made, before they get their new colours.
+    """Splitting of the object's gaussians before they get their new colours.
 
     Attributes:
-        size: Geometric mean of the two larger deviations that is left whole [px]. A smooth old surface has
-            large gaussians, which could not show a new texture.
+        size: Geometric mean of the two larger standard deviations above which a gaussian is split [px]. A
+            smooth old surface has large gaussians, which could not show a new texture.
         most: Most pieces of one gaussian.
-        spread: How far the pieces lie from the middle [its deviations], see `DensitySettings.spread`.
+        spread: Distance of the pieces from the mean [standard deviations], see `DensitySettings.spread`.
     """
 
     size: float = 1.2
@@ -124,7 +124,7 @@ def recolour(
 
 
 def targets_of(sights: Sequence[Sight], images: Sequence[np.ndarray]) -> list[Target]:
-    """What the gaussians are fitted to: the repainted views, with the depth of the object."""
+    """Targets of the fit: the repainted views, with the depth of the object."""
     return [
         Target(
             sight.camera,
@@ -137,7 +137,7 @@ def targets_of(sights: Sequence[Sight], images: Sequence[np.ndarray]) -> list[Ta
 
 
 def _split(gaussians: Gaussians, sights: Sequence[Sight], settings: SplitSettings, seed: int) -> Gaussians:
-    """The same gaussians, those wider than the pixels that show them in pieces."""
+    """The same gaussians, those wider than `SplitSettings.size` split."""
     area = gaussians.scales.sort(dim=1).values[:, 1:].prod(dim=1) / (settings.size * pixel_width(sights)) ** 2
     pieces = area.ceil().clamp(1, settings.most).long()
     generator = torch.Generator().manual_seed(seed)
