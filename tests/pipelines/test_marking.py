@@ -18,6 +18,8 @@ from diga3d_warp.pipelines.marking import Marks, Words, glance, mark
 from diga3d_warp.pipelines.mask_propagation import SHEET
 from diga3d_warp.pipelines.remove import remove_object
 from diga3d_warp.pipelines.run import Run
+from diga3d_warp.scene.decoding import turned
+from diga3d_warp.scene.orientation import inverse
 
 COMMANDS = (["remove"], ["retexture", "--prompt", "gold"], ["replace", "--prompt", "a wooden cube"])
 
@@ -203,3 +205,15 @@ def test_one_thing_says_where_the_object_is(room, refused, command, words, said)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_boxes_that_cannot_be_used(room, refused, command, words, said):
     refused([*command, str(room), "--mask-box", *words], said)
+
+
+@pytest.mark.parametrize("orientation", [3, 6])
+def test_words_are_looked_for_in_the_upright_photograph(removed, models, hits, orientation):
+    """A photograph that is kept as stored is shown to the models as viewers show it."""
+    view = removed.scene.views[0]
+    hits(view.name)
+    stored = replace(
+        view, pixels=turned(view.pixels, inverse(orientation)), mask=None, orientation=orientation
+    )
+    glanced = glance(replace(removed.scene, views=[stored]), Marks(words=Words("a vase", models)))
+    np.testing.assert_array_equal(glanced.views[0].mask, turned(view.mask, inverse(orientation)))

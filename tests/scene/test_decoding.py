@@ -6,10 +6,13 @@ import io
 import struct
 import threading
 import zlib
+from contextlib import nullcontext
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
+import psutil
 import pytest
 from PIL import Image, ImageOps
 
@@ -201,6 +204,16 @@ def test_a_large_jpeg_is_decoded_smaller(tmp_path, monkeypatch):
             small = read_photograph(path, scale).pixels
         assert small.shape == whole.shape == (round(240 * scale), round(size[0] * scale), 3)
         assert np.abs(small.astype(float) - whole).mean() < 1.5
+
+
+def test_photographs_that_do_not_fit_into_memory(tmp_path, monkeypatch):
+    (tmp_path / "a.png").write_bytes(encoded("PNG"))
+    wanted = [Wanted(tmp_path / "a.png", scale) for scale in (1.0, 0.5)]
+    needed = 3 * 48 * 36 * 1.25
+    for free, fits in ((needed + 1, True), (needed - 1, False)):
+        monkeypatch.setattr(psutil, "virtual_memory", lambda free=free: SimpleNamespace(available=free))
+        with nullcontext() if fits else pytest.raises(InputError, match="2 photographs such as"):
+            images.check_memory([*wanted, Wanted(tmp_path / "absent.png")] if fits else wanted)
 
 
 def test_a_folder_in_place_of_a_file(tmp_path):

@@ -28,8 +28,10 @@ OBJECT = box(6, 16, 10, 20)
 
 
 def test_masks_of_held_out_views_only_are_noted():
-    _, (note,), problem = judge_masks([view("a", None), view("b", None)], Path("masks"))
-    assert "held-out" in note and problem is None
+    _, notes, problem = judge_masks([view("a", None), view("b", None)], Path("masks"))
+    assert notes == [] and problem == (
+        "masks: the masks are those of held-out views only; add others, or use --hold-out 0"
+    )
 
 
 def test_a_mask_that_covers_everything_is_not_used():

@@ -18,6 +18,8 @@ from diga3d_warp.files import write_image
 from diga3d_warp.perception.boxes import Box, cut_out, find_boxed, read_boxes
 from diga3d_warp.perception.segmentation import TextSegmenter, locate_models, mask_words
 from diga3d_warp.pipelines.run import Run
+from diga3d_warp.scene.decoding import turned
+from diga3d_warp.scene.orientation import inverse
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.state import read_mask
 
@@ -176,8 +178,9 @@ def _with_masks(scene: Scene, masks: Mapping[str, np.ndarray]) -> Scene:
 
 
 def _segmented(view: View, segmenter: TextSegmenter, prompt: str) -> np.ndarray:
-    """What the prompt names in a view, shape (H, W), bool."""
-    return segmenter.mask(torch.from_numpy(view.pixels).float() / 255.0, prompt).numpy()
+    """What the prompt names in a view, shape (H, W), bool; the models see it upright."""
+    upright = torch.from_numpy(turned(view.pixels, view.orientation)).float() / 255.0
+    return turned(segmenter.mask(upright, prompt).numpy(), inverse(view.orientation))
 
 
 def _unseen(scene: Scene, words: Words) -> InputError:

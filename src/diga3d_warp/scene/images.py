@@ -195,6 +195,29 @@ class Wanted(NamedTuple):
     orientation: int = 1
 
 
+def check_memory(wanted: Sequence[Wanted]) -> None:
+    """Refuse photographs that do not fit into memory together, before any is decoded.
+
+    Raises:
+        InputError: they take more than is free.
+    """
+    import psutil
+
+    size = 0.0
+    for one in wanted:
+        try:
+            header = read_header(one.file)
+        except InputError:
+            continue  # who decodes the file says so
+        size += 3.0 * header.width * header.height * one.scale**2
+    free = psutil.virtual_memory().available
+    if size > free:
+        raise InputError(
+            f"{len(wanted)} photographs such as {wanted[0].file} take {size / 1e9:.1f} GB at this size, and "
+            f"{free / 1e9:.1f} GB are free: use a smaller --image-scale"
+        )
+
+
 def read_photographs(wanted: Sequence[Wanted], progress: bool) -> Iterator[Photograph | InputError]:
     """Read and resize images on all cores, in order; what could not be read is yielded as its error.
 

@@ -15,7 +15,7 @@ from diga3d_warp.scene.calibration import calibration_notes, check_sizes, fits
 from diga3d_warp.scene.capture import Capture, Shot
 from diga3d_warp.scene.colmap import read_colmap
 from diga3d_warp.scene.formats.read import read_splat_points
-from diga3d_warp.scene.images import Photograph, Wanted, read_photograph, read_photographs
+from diga3d_warp.scene.images import Photograph, Wanted, check_memory, read_photograph, read_photographs
 from diga3d_warp.scene.llff import read_llff
 from diga3d_warp.scene.masks import find_masks, mask_views
 from diga3d_warp.scene.names import view_names
@@ -280,6 +280,7 @@ def _read_photographs(
     photographs: dict[str, Photograph] = {}
     damaged = []
     wanted = [Wanted(source.file, source.scale, turns.of(keys[name])) for name, source in sources.items()]
+    check_memory(wanted)
     for name, photograph in zip(sources, read_photographs(wanted, progress), strict=True):
         if isinstance(photograph, InputError):
             damaged.append(photograph)

@@ -299,11 +299,10 @@ def judge_masks(views: Sequence[View], source: Path) -> tuple[list[View], list[s
     share = {view.name: float(view.mask.mean()) for view in views if view.mask is not None}
     empty = [name for name, value in share.items() if value == 0]
     covering = [name for name, value in share.items() if value > TOLERANCE.covering]
-    if not share:
-        note = f"the masks in {source} belong to held-out views only: no training view has one"
-        return list(views), [note], None
     problem = None
-    if len(empty) == len(share):
+    if not share:
+        problem = f"{source}: the masks are those of held-out views only; add others, or use --hold-out 0"
+    elif len(empty) == len(share):
         problem = f"{source}: every mask is empty; mark the object in white"
     elif all(value == 1 for value in share.values()):
         problem = f"{source}: every mask covers its whole image; mark the object only, in white"
