@@ -29,6 +29,7 @@ def write(path, kind, values, names=("red", "green", "blue"), positions=POSITION
         ("u1", 1, None),
         ("f4", 1 / 255, "colours from 0 to 1"),
         ("f8", 1 / 255, "colours from 0 to 1"),
+        ("f4", 1.0001 / 255, "colours from 0 to 1"),
         ("f4", 1, "colours from 0 to 255"),
         ("u2", 257, "colours from 0 to 65535"),
         ("u2", 1, "colours from 0 to 255"),
@@ -36,7 +37,7 @@ def write(path, kind, values, names=("red", "green", "blue"), positions=POSITION
     ],
 )
 @pytest.mark.parametrize(
-    "names", [("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b")]
+    "names", [("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("R", "G", "B")]
 )
 def test_colours_of_any_type(tmp_path, kind, factor, said, names):
     points, notes = read_points(write(tmp_path / "cloud.ply", kind, COLORS * float(factor), names))

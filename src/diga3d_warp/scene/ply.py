@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 import struct
 from collections.abc import Collection
@@ -109,7 +110,7 @@ def read_header(path: Path) -> Header:
     except OSError as error:
         raise InputError(f"{path} cannot be read ({(error.strerror or '').lower()})") from error
     end = _HEADER_END.search(start)
-    if not start.startswith(b"ply") or end is None:
+    if not start.removeprefix(codecs.BOM_UTF8).startswith(b"ply") or end is None:
         raise InputError(f"{path}: not a .ply file, its header is missing; export it again")
     form = ""
     comments: list[str] = []

@@ -13,6 +13,10 @@ from diga3d_warp.scene.scene import Points
 _COLOR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 """Properties that hold colours: those of MeshLab and CloudCompare, of older exporters, and of Polycam."""
 
+UNIT_MOST = 2.0
+"""Largest colour that is taken as one of 0 to 1: some exceed 1 by rounding or by exposure, and in 0 to 255
+nothing is that dark."""
+
 GREY = 128
 """Colour of points that have none."""
 
@@ -30,18 +34,18 @@ def read_points(path: Path) -> tuple[Points, list[str]]:
         InputError: the file is damaged or has no positions.
     """
     vertices = read_vertices(path)
-    fields = set(vertices.dtype.names or ())
-    if not {"x", "y", "z"} <= fields:
+    fields = {name.lower(): name for name in vertices.dtype.names or ()}
+    if not {"x", "y", "z"} <= fields.keys():
         raise InputError(f"{path}: the vertices have no x, y, z; export it again")
     with np.errstate(invalid="ignore"):  # what is not finite is looked for below
-        positions = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float64)
+        positions = np.stack([vertices[fields[axis]] for axis in "xyz"], axis=1).astype(np.float64)
     notes = []
-    names = next((names for names in _COLOR_NAMES if fields.issuperset(names)), None)
+    names = next((names for names in _COLOR_NAMES if fields.keys() >= set(names)), None)
     if names is None:
         colors = np.full((len(positions), 3), GREY, np.uint8)
         notes.append(f"{path.name}: the points have no colours and start grey")
     else:
-        colors, note = eight_bit(np.stack([vertices[name] for name in names], axis=1))
+        colors, note = eight_bit(np.stack([vertices[fields[name]] for name in names], axis=1))
         notes += [f"{path.name}: {note}"] if note else []
     finite = np.isfinite(positions).all(axis=1)
     if not finite.all():
@@ -56,9 +60,9 @@ def eight_bit(values: np.ndarray) -> tuple[np.ndarray, str | None]:
     with np.errstate(invalid="ignore"):
         shades = np.nan_to_num(values.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
     largest = float(shades.max(initial=0.0))
-    if values.dtype.kind == "f" and largest <= 1.0:
+    if values.dtype.kind == "f" and largest <= UNIT_MOST:
         scale, said = 255.0, "colours from 0 to 1"
-    elif largest <= 255.0:
+    elif largest < 256.0:
         scale, said = 1.0, "colours from 0 to 255"
     else:
         scale, said = 255.0 / 65535.0, "colours from 0 to 65535"

@@ -309,6 +309,12 @@ def test_headers_have_line_ends_of_any_system(file, splat, end, text):
     same(Gaussians.load_ply(file), splat)
 
 
+def test_a_byte_order_mark_is_skipped(file, splat):
+    rewrite(file, vertices(file), text=True)
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    same(Gaussians.load_ply(file), splat)
+
+
 def test_a_comment_may_be_long_and_name_the_end_of_the_header(file, splat):
     comment = b"comment no end_header here " + b"x" * 200_000 + b"\n"
     with_header(file, lambda header: header.replace(b"element", comment + b"element", 1))

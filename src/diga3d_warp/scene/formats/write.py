@@ -14,6 +14,7 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.files import whole_file
 from diga3d_warp.scene.formats import spz
 from diga3d_warp.scene.formats.conversion import convert, require
+from diga3d_warp.scene.formats.positions import needs_double
 from diga3d_warp.scene.formats.read import read_splat
 from diga3d_warp.scene.formats.rows import SplatRows
 from diga3d_warp.scene.formats.sog_writer import encode_sog
@@ -76,9 +77,9 @@ def write_splat(path: Path, rows: SplatRows, form: str, *, antialiased: bool = F
         InputError: a package is missing, the file cannot be written, or the format cannot hold the scene.
     """
     if form == "ply":
-        single = np.array_equal(rows.means, rows.means.astype(np.float32))
-        write_ply(path, rows, positions="float" if single else "double", antialiased=antialiased)
-        return []
+        double = needs_double(rows.means, rows.log_scales)
+        write_ply(path, rows, positions="double" if double else "float", antialiased=antialiased)
+        return [f"{path.name}: x, y and z are doubles, which some viewers cannot read"] if double else []
     norms = np.linalg.norm(rows.quaternions.astype(np.float64), axis=1, keepdims=True)
     unit = (rows.quaternions / norms).astype(np.float32)
     rows = replace(rows, quaternions=unit, sh=_without_zero_bands(rows.sh)).select(morton_order(rows.means))
