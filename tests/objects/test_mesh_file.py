@@ -1,6 +1,7 @@
 """Mesh files in the ways that exporters write them: every colour arrives, and what does not is said."""
 
 import io
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -297,6 +298,14 @@ def test_damaged_gltf_is_one_line(tmp_path, text):
     with pytest.raises(InputError) as caught:
         read_asset(tmp_path / "bad.gltf")
     assert "bad.gltf" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_format_that_needs_another_library_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "collada", None)
+    (tmp_path / "thing.dae").write_text("<COLLADA></COLLADA>")
+    with pytest.raises(InputError, match=r"thing.dae: .*collada.*export it as .glb") as caught:
+        read_asset(tmp_path / "thing.dae")
+    assert "\n" not in str(caught.value)
 
 
 # --- .obj and .ply ---------------------------------------------------------------------------------------

@@ -68,6 +68,11 @@ def read_mesh(path: Path) -> MeshFile:
         return MeshFile(list(_parts(path, scene, notes)), notes)
     except InputError:
         raise
+    except ImportError as error:
+        raise InputError(
+            f"{path}: {path.suffix} files need {error.name or error}, which is not installed; "
+            "export it as .glb"
+        ) from error
     except RecursionError as error:
         raise InputError(f"{path}: not readable as a mesh (nested too deep); export it again") from error
     except Exception as error:  # trimesh's readers raise whatever a damaged file leads them to
