@@ -46,6 +46,7 @@ def test_a_mask_that_covers_everything_is_not_used():
     [
         ([~OBJECT, ~OBJECT], "the masks cover 87 % of the images and most of their borders, as if inverted"),
         ([~box(10, 12, 10, 12), ~OBJECT], "as if inverted"),
+        ([~box(2, 22, 6, 26), ~box(2, 22, 4, 28)], "as if inverted"),  # large objects
         ([~box(0, 8, 0, 8), ~box(4, 20, 8, 32), ~OBJECT], "as if inverted"),  # objects at the border
         ([np.zeros_like(OBJECT)] * 2, "every mask is empty"),
         ([np.ones_like(OBJECT)] * 2, "every mask covers its whole image"),
@@ -65,6 +66,7 @@ def test_masks_of_no_use(masks, said):
         box(2, 22, 2, 30),
         box(0, 24, 12, 16),  # thin, from border to border
         box(0, 1, 0, 32),
+        box(10, 24, 0, 32),  # a floor from side to side
         box(0, 8, 0, 8) | box(16, 24, 24, 32),  # two objects in corners
     ],
 )

@@ -208,6 +208,19 @@ def test_whose_mask_it_is(tmp_path, names, keys, expected):
     assert matched(tmp_path / "masks", names, keys) == expected
 
 
+def test_a_folder_of_masks_for_each_object(tmp_path):
+    with pytest.raises(InputError, match=r"of one image \(chair/1 and lamp/1\); name one of their folders"):
+        matched(tmp_path / "masks", ["chair/1", "lamp/1", "chair/2", "lamp/2"], ["1", "2"])
+
+
+def test_a_choice_of_objects_without_masks(colmap_scene):
+    with pytest.raises(InputError, match="there are no masks to choose objects from"):
+        load_scene(colmap_scene, mask_ids=(3,))
+    (colmap_scene / "masks").mkdir()
+    with pytest.raises(InputError, match="there are no mask images in this folder"):
+        load_scene(colmap_scene, mask_ids=(3,))
+
+
 def test_a_mask_of_two_images(tmp_path):
     with pytest.raises(InputError, match=r"1\.png: the images a/1 and b/1 both have the name of this mask"):
         matched(tmp_path / "masks", ["1", "2"], ["a/1", "a/2", "b/1"])

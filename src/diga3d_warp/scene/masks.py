@@ -34,19 +34,19 @@ _AFFIX = re.compile(
 
 @dataclass(frozen=True)
 class MaskTolerance:
-    """What masks may cover. Objects in captures cover up to about half of the images; chosen, not measured.
+    """What masks may cover; chosen, not measured.
 
     Attributes:
         covering: Share of the pixels from which on a mask covers everything, so that nothing is left to learn
             the scene from.
-        most: Mean share of the pixels, and
-        rim: mean share of the images' borders, from which on masks are taken for inverted: the object is what
-            they leave out.
+        rim: Mean share of the images' borders, with
+        most: this mean share of their pixels, from which on masks are taken for inverted: they go around the
+            object. A floor from side to side takes up to 0.6 of the borders.
     """
 
     covering: float = 0.95
-    most: float = 0.5
     rim: float = 0.7
+    most: float = 0.3
 
 
 TOLERANCE = MaskTolerance()
@@ -147,6 +147,11 @@ def match_masks(folder: Path, keys: Sequence[str]) -> MaskFiles:
         )
     files = {**files, **by_name, **by_part}
     if not files:
+        if several := _of_one_image(keys, masks):
+            raise InputError(
+                f"{folder}: several masks have the name of one image ({' and '.join(several[:2])}); name one "
+                "of their folders with --masks"
+            )
         raise InputError(
             f"{folder}: no mask has the name of an image (mask {next(iter(masks))!r}, image {keys[0]!r}); "
             "rename the masks after the images"
@@ -168,6 +173,15 @@ def _match(
     alone = {word: names[0] for word, names in named.items() if len(names) == 1 and word in images}
     found = {images[word][0]: masks[name] for word, name in alone.items() if len(images[word]) == 1}
     return found, {name: images[word] for word, name in alone.items() if len(images[word]) > 1}
+
+
+def _of_one_image(keys: Sequence[str], masks: Mapping[str, Path]) -> list[str]:
+    """Masks in different folders that have the name of one image: one folder for each object."""
+    for key in keys:
+        last = key.rsplit("/", 1)[-1]
+        if len(several := [name for name in masks if name.rsplit("/", 1)[-1] == last]) > 1:
+            return several
+    return []
 
 
 def _named_masks(named: Mapping[str, Path]) -> MaskFiles:
@@ -228,9 +242,13 @@ def mask_views(
         test: Keys of the views that are held out.
 
     Raises:
-        InputError: no mask holds one of the ids.
+        InputError: ids are given, and no mask holds one of them, or masks are of no use.
     """
     if not found.files:
+        if ids:
+            raise InputError(
+                found.problem or "there are no masks to choose objects from: leave --mask-ids out"
+            )
         return _without_masks(views, found.notes, found.problem)
     try:
         labels = {
@@ -324,7 +342,7 @@ def judge_masks(views: Sequence[View], source: Path) -> tuple[list[View], list[s
 
 
 def _are_inverted(views: Sequence[View]) -> bool:
-    """Whether masks mark all but the object: most of the images, and of their borders."""
+    """Whether masks mark all but the object: they go around it."""
     masks = [view.mask for view in views if view.mask is not None and view.mask.any()]
     rims = [np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean() for mask in masks]
     covered = float(np.mean([mask.mean() for mask in masks]))
