@@ -163,9 +163,9 @@ def take_out(
 ) -> TakenOut:  # fmt: skip
     """The stages of a removal, from the fit to the filled hole; arguments as `remove_object`."""
     method = settings.method_for(prior)
-    if isinstance(prior, ExemplarPrior) and prior.negative:
+    if isinstance(prior, DiffusionPrior) and not prior.learned and prior.guidance.scale != 1.0:
         run.note(
-            "prior exemplar reads no words of the negative prompt: it steers away from the masked object"
+            f"prior {prior.name} reads no words of the negative prompt: it steers away from the masked object"
         )
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)

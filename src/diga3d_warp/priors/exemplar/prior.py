@@ -76,7 +76,6 @@ class ExemplarPrior:
         self.settings = settings
         self.device = torch.device(device)
         self.schedule = patch_schedule()
-        self.negative = negative
         self.guidance = Guidance(prompts_of("", negative, "remove"), PATCH_GUIDANCE if negative else 1.0)
         self._bank: AttentionBank | None = None
 
