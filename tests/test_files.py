@@ -25,12 +25,14 @@ from diga3d_warp.files import (
     write_json,
     write_text,
 )
+from scenes import random_gaussians
 
 FULL = Path("/dev/full")
 
 WRITERS = {
     "a.txt": lambda path: write_text(path, "x" * 100_000),
     "a.npy": lambda path: write_array(path, np.ones(100_000)),
+    "a.ply": lambda path: random_gaussians(200).save_ply(path),
     "a.npz": lambda path: write_arrays(path, a=np.random.default_rng(0).random(100_000)),
 }
 

@@ -90,11 +90,11 @@ def _reason(error: OSError) -> str:
 
 _ALLOCATION = re.compile(
     r"(can't|cannot|failed to|unable to) allocate|(not enough|out of|insufficient) memory|bad_alloc"
-    r"|can't start new thread",
+    r"|can't start new thread|failed to map segment",
     re.IGNORECASE,
 )
-"""How numpy, torch, Warp, OpenCV and COLMAP say that there is no more memory; torch and Warp raise a plain
-RuntimeError."""
+"""How numpy, torch, Warp, OpenCV, COLMAP and the loader of libraries say that there is no more memory; torch and
+Warp raise a plain RuntimeError."""
 
 _AMOUNT = re.compile(r"allocate (\d+) bytes|allocate ([\d.]+ [KMGT]i?B)")
 
@@ -106,7 +106,7 @@ def out_of_memory(error: BaseException) -> str | None:
     text = str(error)
     full = isinstance(error, OSError) and error.errno == errno.ENOMEM
     if not (full or isinstance(error, MemoryError) or _ALLOCATION.search(text)):
-        return None
+        return None if error.__cause__ is None else out_of_memory(error.__cause__)
     found = _AMOUNT.search(text)
     if found is None:
         return "not enough memory"

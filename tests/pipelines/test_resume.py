@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tiny_removal import SETTINGS
+
+from diga3d_warp import files
+from diga3d_warp.errors import InputError
+from diga3d_warp.gaussians import fit as fitting
+from diga3d_warp.pipelines.remove import remove_object
+from diga3d_warp.pipelines.run import Run
 
 KILLED = """
 import os, signal, sys
@@ -111,3 +120,56 @@ def test_nothing_temporary_stays(often_killed, removed):
         for folder in (often_killed, removed.folder)
     )
     assert mine == theirs
+
+
+def full_at(stage: str, nth: int) -> Callable[[Path], None]:
+    """In place of `files.sync`: the disk is full at the nth file of a stage."""
+    write = files.sync
+    tried: list[Path] = []
+
+    def sync(path: Path) -> None:
+        if path.parent.name == f".{stage}.partial" and path.is_file():
+            tried.append(path)
+            if len(tried) == nth:
+                raise OSError(errno.ENOSPC, "No space left on device")
+        write(path)
+
+    return sync
+
+
+FULL = [("effects", 1), ("fit", 1), ("fit", 2), ("lift", 1), ("clear", 2), ("look-behind", 7),
+        ("references", 1), ("fill", 4), ("propagate", 3), ("refit", 1), ("distil", 2)]  # fmt: skip
+
+
+def no_memory(fit: fitting._Fit) -> None:
+    raise RuntimeError(
+        "[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried to allocate 8589934592 bytes."
+    )
+
+
+def test_a_full_disk_and_lack_of_memory_in_any_stage_cost_no_byte(room, removed, tmp_path, monkeypatch):
+    def go_on() -> None:
+        run = Run(tmp_path / "run", "remove", {"seed": 0}, resume=True)
+        try:
+            remove_object(removed.scene, run, SETTINGS)
+        finally:
+            run.close()
+
+    for stage, nth in FULL:
+        with monkeypatch.context() as patched:
+            patched.setattr(files, "sync", full_at(stage, nth))
+            with pytest.raises(
+                InputError, match=rf"{stage}\.partial/.* cannot be written \(the disk is full\)"
+            ):
+                go_on()
+        if stage in ("fit", "refit") and nth == 1:
+            with monkeypatch.context() as patched:
+                patched.setattr(fitting._Fit, "step", no_memory)
+                said = rf"stage {stage}: not enough memory \(8\.00 GiB more were asked for\): .* --resume"
+                with pytest.raises(InputError, match=said):
+                    go_on()
+        assert not (tmp_path / "run" / "point_cloud.ply").exists()
+    go_on()
+    for name in ("point_cloud.ply", "source.ply"):
+        assert (tmp_path / "run" / name).read_bytes() == (removed.folder / name).read_bytes(), name
+    assert not list((tmp_path / "run").rglob("*.partial*"))

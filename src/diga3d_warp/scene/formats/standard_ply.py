@@ -65,7 +65,7 @@ def write_ply(
     header, table = ply_contents(rows, REST, positions=positions, antialiased=antialiased)
     with whole_file(path) as partial, partial.open("wb") as file:
         file.write(header)
-        table.tofile(file)
+        file.write(table.tobytes())  # unlike `tofile`, it says why if the disk is full
 
 
 def ply_contents(
