@@ -64,15 +64,15 @@ def term(file: str, condition: str, test: str) -> Guard:
 
 FOOTPRINT = "kernels/footprint.py"
 PROJECTION = "kernels/projection.py"
-COLUMNS = "kernels/columns.py"
+GAUSSIAN_LANES = "kernels/gaussian_lanes.py"
 HARMONICS = "kernels/harmonics.py"
 SIGMA = "kernels/sigma_points.py"
 BLEND = "kernels/blending.py"
 ADJOINT = "kernels/compositing_adjoint.py"
 BINNING = "kernels/binning.py"
-DEALING = "kernels/dealing.py"
+SCATTER = "kernels/pair_scatter.py"
 TILES = "kernels/tiles.py"
-LANES = "kernels/lanes.py"
+PIXEL_LANES = "kernels/pixel_lanes.py"
 COMPOSITE = "kernels/compositing.py"
 ORDERING = "kernels/ordering.py"
 DRAW = "kernels/reprojection.py"
@@ -139,14 +139,14 @@ CASES = (
         (
             Guard(FOOTPRINT, "det = area + low_pass * (aa + bb) + low_pass * low_pass",
                 "det = (aa + low_pass) * (bb + low_pass) - ab * ab",
-                GEOMETRY + "test_a_needle_has_a_root_as_good_as_in_float64"),
+                GEOMETRY + "test_a_needle_has_a_factor_as_good_as_in_float64"),
         ),
         ("Splatting.low_pass",),
     ),
     HardCase(
         "Low-pass",
         "Both variances grow by it; with anti-aliasing by less, and opacity shrinks by the ratio of "
-        "areas, with its gradient. A splat without area is culled before the root of zero.",
+        "areas, with its gradient. A splat without area is culled before the square root of zero.",
         (
             Guard(FOOTPRINT, "var_x = aa + low_pass", "var_x = aa",
                 GEOMETRY + "test_the_low_pass_keeps_a_splat_a_pixel_wide"),
@@ -277,42 +277,42 @@ CASES = (
         "A block is left out only if no pixel of it can reach the skip, however the offset to a far centre "
         "rounds: its edges are moved outwards, by more for a farther centre.",
         (
-            Guard(LANES, "half_u = root[0] * half_x + wp.abs(root[1]) * half_y",
-                "half_u = (root[0] * half_x + wp.abs(root[1]) * half_y) * real(0.9)",
-                "kernels/test_lanes.py::test_every_block_with_a_pixel_of_the_ellipse_is_reached"),
-            Guard(LANES,
+            Guard(PIXEL_LANES, "half_u = factor[0] * half_x + wp.abs(factor[1]) * half_y",
+                "half_u = (factor[0] * half_x + wp.abs(factor[1]) * half_y) * real(0.9)",
+                "kernels/test_pixel_lanes.py::test_every_block_with_a_pixel_of_the_ellipse_is_reached"),
+            Guard(PIXEL_LANES,
                 "margin = real(wp.static(MARGIN)) + real(wp.static(ROUNDING)) * (wp.abs(gx) + wp.abs(gy))",
                 "margin = real(0.0)",
-                "kernels/test_lanes.py::test_every_block_with_a_pixel_of_the_ellipse_is_reached"),
+                "kernels/test_pixel_lanes.py::test_every_block_with_a_pixel_of_the_ellipse_is_reached"),
         ),
-        ("lanes.MARGIN", "lanes.ROUNDING"),
+        ("pixel_lanes.MARGIN", "pixel_lanes.ROUNDING"),
     ),
     HardCase(
         "The exponent of a long needle",
-        "A sum of two squares, from the Cholesky root of the inverse covariance: never above 0, and its "
+        "A sum of two squares, from the Cholesky factor of the inverse covariance: never above 0, and its "
         "rounding grows with the length of a needle, not with its square. Clamped where alpha is skipped.",
         (
             Guard(BLEND, "falloff(-(u * u + v * v))",
-                "falloff(-(root[0] * root[0] * dx + real(2.0) * root[0] * root[1] * dy) * dx - "
-                "(root[1] * root[1] + root[2] * root[2]) * dy * dy)",
+                "falloff(-(factor[0] * factor[0] * dx + real(2.0) * factor[0] * factor[1] * dy) * dx - "
+                "(factor[1] * factor[1] + factor[2] * factor[2]) * dy * dy)",
                 "hard_cases/test_rounding.py::test_needles_across_an_image"),
             Guard(BLEND, "x = wp.where(x > real(wp.static(-lowest)), x, real(wp.static(-lowest)))", "x = x",
                 FLOAT64 + "[cpu-needles]"),
         ),
     ),
     HardCase(
-        "Off-diagonal of the root",
+        "Off-diagonal of the factor",
         "An offset along y moves both parts of the exponent, and so does the gradient of the centre.",
         (
-            Guard(ADJOINT, "row[1] = root[1] * g_u + root[2] * g_v", "row[1] = root[2] * g_v",
+            Guard(ADJOINT, "row[1] = factor[1] * g_u + factor[2] * g_v", "row[1] = factor[2] * g_v",
                 "kernels/test_compositing.py::test_values_and_gradients_agree_with_float64"),
         ),
     ),
     HardCase(
         "Tiles counted and emitted",
-        "One range is computed, counted and dealt; far-off boxes are clamped before they become integers.",
+        "One range is computed, counted and filled; far-off boxes are clamped before they become integers.",
         (
-            Guard(DEALING, "emission = int(read_int(first, i))", "emission = int(read_int(first, 0))",
+            Guard(SCATTER, "emission = int(read_int(first, i))", "emission = int(read_int(first, 0))",
                 "kernels/test_binning.py"),
             Guard(TILES, "high = wp.clamp(center + extent - half, -limit, limit)",
                 "high = center + extent - half",
@@ -335,7 +335,7 @@ CASES = (
             Guard(BINNING, "return depths.view(wp.int32)",
                 "return wp.array(depths.numpy().view(np.int32) & -65536, dtype=int, device=depths.device)",
                 BLENDING + "test_depths_that_differ_in_their_last_bit_are_sorted"),
-            Guard(DEALING, "elements.numpy().sort()",
+            Guard(SCATTER, "elements.numpy().sort()",
                 "elements.assign(np.sort(elements.numpy() ^ 0xFFFFFFFF) ^ 0xFFFFFFFF)",
                 BLENDING + "test_equal_depths_keep_the_order_of_their_indices"),
         ),
@@ -394,8 +394,8 @@ CASES = (
         "Sums on many threads",
         "Rows of their own, added in a fixed order: bits do not depend on the number of threads.",
         (
-            Guard(COLUMNS, "CPU_COLUMNS = Columns(POSE_GROUP, 16)",
-                "CPU_COLUMNS = Columns(POSE_GROUP // 8, 16)",
+            Guard(GAUSSIAN_LANES, "CPU_LANES = GaussianLanes(POSE_GROUP, 16)",
+                "CPU_LANES = GaussianLanes(POSE_GROUP // 8, 16)",
                 "kernels/test_projection.py::test_bits_do_not_depend_on_the_number_of_threads"),
         ),
         ("config.POSE_GROUP",),

@@ -38,7 +38,7 @@ HOMES = {
     "ReprojectionLimits": "kernels/reprojection.py",
     "MeshLimits": "kernels/mesh.py",
     "cameras": "kernels/cameras.py",
-    "lanes": "kernels/lanes.py",
+    "pixel_lanes": "kernels/pixel_lanes.py",
     "camera": "scene/camera.py",
     "losses": "gaussians/losses.py",
 }

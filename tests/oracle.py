@@ -65,9 +65,9 @@ class Image:
     median_depth: torch.Tensor
 
 
-def conics(roots: torch.Tensor) -> torch.Tensor:
-    """Inverse covariances L L^T as (xx, xy, yy) of their Cholesky roots (l11, l21, l22), shape (N, 3)."""
-    l11, l21, l22 = roots.unbind(1)
+def conics(factors: torch.Tensor) -> torch.Tensor:
+    """Inverse covariances L L^T as (xx, xy, yy) of their Cholesky factors (l11, l21, l22), shape (N, 3)."""
+    l11, l21, l22 = factors.unbind(1)
     return torch.stack([l11**2, l11 * l21, l21**2 + l22**2], -1)
 
 

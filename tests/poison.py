@@ -95,7 +95,7 @@ def check(
 
 def strongest_alpha(projection: Projection, height: int, width: int) -> torch.Tensor:
     """Largest alpha of each gaussian at any pixel centre, or a rounding error above it, shape (N,)."""
-    l11, l21, l22 = projection.roots.detach().double()[:, None, None].unbind(-1)
+    l11, l21, l22 = projection.factors.detach().double()[:, None, None].unbind(-1)
     center = projection.centers.detach().double()[:, None, None]
     dx = center[..., 0] - (torch.arange(width) + 0.5)
     dy = center[..., 1] - (torch.arange(height)[:, None] + 0.5)

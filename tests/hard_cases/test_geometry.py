@@ -61,7 +61,7 @@ def test_a_mean_at_the_camera_centre_is_culled_and_its_color_is_finite():
 
 
 @pytest.mark.parametrize("thin", [-12.0, -30.0, -39.0])
-def test_a_needle_has_a_root_as_good_as_in_float64(thin):
+def test_a_needle_has_a_factor_as_good_as_in_float64(thin):
     """Two axes of e^-12 and less beside one of 2.7: a d - b^2 would be off by 1e-3."""
     gaussians = single(
         means=[0.1, -0.05, 2.0],
@@ -73,7 +73,7 @@ def test_a_needle_has_a_root_as_good_as_in_float64(thin):
     splats = oracle.project(
         *(tensor.double() for name, tensor in gaussians.named() if name != "sh"), AHEAD.world_to_camera, AHEAD
     )
-    conic = oracle.conics(out.projection.roots.double())
+    conic = oracle.conics(out.projection.factors.double())
     assert conic.abs().max() > 0.5  # as thin as the low-pass allows
     torch.testing.assert_close(conic, splats.conics, rtol=1e-4, atol=1e-6)
     assert (out.alpha > 0.1).sum() > 20
@@ -143,7 +143,7 @@ def test_exactly_on_the_axis_of_a_lens(lens):
     torch.testing.assert_close(out.projection.centers, torch.tensor([[20.0, 15.0]]))
     variance = (35.0 / 2.0 * math.exp(-1.6)) ** 2 + SPLATTING.low_pass
     torch.testing.assert_close(
-        oracle.conics(out.projection.roots)[0, ::2], torch.full((2,), 1 / variance), rtol=1e-3, atol=0
+        oracle.conics(out.projection.factors)[0, ::2], torch.full((2,), 1 / variance), rtol=1e-3, atol=0
     )
     assert leaves.means.grad.abs().max() > 0.1
 
@@ -172,5 +172,5 @@ def test_poses_far_from_the_origin_project_alike():
 def test_the_low_pass_keeps_a_splat_a_pixel_wide():
     out, _ = rendered(single(means=[0.0, 0.0, 2.0], log_scales=[-30.0] * 3, opacity_logits=20.0))
     expected = torch.tensor([[1 / SPLATTING.low_pass, 0.0, 1 / SPLATTING.low_pass]])
-    torch.testing.assert_close(oracle.conics(out.projection.roots), expected, rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(oracle.conics(out.projection.factors), expected, rtol=1e-5, atol=1e-6)
     assert 1 <= (out.alpha > 0).sum() <= 16

@@ -10,7 +10,7 @@ from diga3d_warp.splatting.composite import Composite, composite
 from diga3d_warp.splatting.project import Projection
 
 COUNT = 200
-NAMES = ("centers", "roots", "depths", "opacities", "colors")
+NAMES = ("centers", "factors", "depths", "opacities", "colors")
 EXACT = replace(Accuracy.EXACT, pixel_order=False)
 """Its cut-offs in one order for the whole image."""
 
@@ -30,14 +30,14 @@ def splats(
     angle = 6.3 * uniform(COUNT)
     turn = torch.stack([angle.cos(), -angle.sin(), angle.sin(), angle.cos()], -1).reshape(-1, 2, 2)
     covariance = turn @ torch.diag_embed(axes**2) @ turn.mT
-    root = torch.linalg.cholesky(torch.linalg.inv(covariance))
+    factor = torch.linalg.cholesky(torch.linalg.inv(covariance))
     opacities = torch.where(uniform(COUNT) < 0.2, 0.99 + 0.01 * uniform(COUNT), uniform(COUNT))
     reach = (2 * torch.log((opacities / accuracy.alpha_min).clamp_min(1))).sqrt() * 1.001
     extents = reach[:, None] * covariance.diagonal(dim1=1, dim2=2).sqrt()
     extents[::9] = 0.0
     fields = {
         "centers": uniform(COUNT, 2) * torch.tensor([width + 20, height + 20]) - 10,
-        "roots": torch.stack([root[:, 0, 0], root[:, 1, 0], root[:, 1, 1]], -1),
+        "factors": torch.stack([factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]], -1),
         "depths": 1 + 5 * uniform(COUNT),
         "opacities": opacities,
         "colors": 1.5 * uniform(COUNT, 3),
@@ -60,7 +60,7 @@ def blended(
     slopes = fields.pop("depth_slopes").to(device)
     leaves = {name: value.to(device).requires_grad_() for name, value in fields.items()}
     projection = Projection(
-        leaves["centers"], leaves["depths"], leaves["roots"], extents.to(device), leaves["opacities"],
+        leaves["centers"], leaves["depths"], leaves["factors"], extents.to(device), leaves["opacities"],
         slopes,
     )  # fmt: skip
     extra = {"normals": leaves["normals"], "median_depth": True} if everything else {}
@@ -70,9 +70,9 @@ def blended(
     return image, leaves
 
 
-def plainly(centers, roots, depths, *others, **options) -> oracle.Image:
-    """The plain renderer's image; arguments as in `oracle.composite`, but for the roots."""
-    return oracle.composite(centers, oracle.conics(roots), depths, *others, **options)
+def plainly(centers, factors, depths, *others, **options) -> oracle.Image:
+    """The plain renderer's image; arguments as in `oracle.composite`, but for the factors."""
+    return oracle.composite(centers, oracle.conics(factors), depths, *others, **options)
 
 
 def expected(
@@ -100,15 +100,15 @@ def few(count: int = 7) -> list[torch.Tensor]:
     def uniform(*shape: int) -> torch.Tensor:
         return torch.rand(shape, generator=random, dtype=torch.float64)
 
-    roots = torch.tensor([0.14, 0.03, 0.17]).double() * (0.8 + 0.4 * uniform(count, 3))
-    leaves = [6 * uniform(count, 2), roots, 1 + uniform(count), 0.25 + 0.3 * uniform(count)]
+    factors = torch.tensor([0.14, 0.03, 0.17]).double() * (0.8 + 0.4 * uniform(count, 3))
+    leaves = [6 * uniform(count, 2), factors, 1 + uniform(count), 0.25 + 0.3 * uniform(count)]
     return [leaf.requires_grad_() for leaf in (*leaves, uniform(count, 3), uniform(count, 3))]
 
 
 def whole(
-    centers, roots, depths, opacities, colors, normals, slopes: torch.Tensor | None = None
+    centers, factors, depths, opacities, colors, normals, slopes: torch.Tensor | None = None
 ) -> tuple[torch.Tensor, ...]:
     """All five images of splats without borders, in float64; each pixel in its own order given slopes."""
-    projection = Projection(centers, depths, roots, torch.full_like(centers, 50.0), opacities, slopes)
+    projection = Projection(centers, depths, factors, torch.full_like(centers, 50.0), opacities, slopes)
     accuracy = replace(EXACT, precision="float64", pixel_order=slopes is not None)
     return tuple(composite(projection, colors, 6, 5, accuracy=accuracy, normals=normals, median_depth=True))

@@ -9,7 +9,7 @@ from flat_splats import NAMES, plainly, splats
 import oracle
 from diga3d_warp.config import Accuracy
 from diga3d_warp.kernels import attribution
-from diga3d_warp.kernels.lanes import CPU_LANES, CUDA_LANES
+from diga3d_warp.kernels.pixel_lanes import CPU_LANES, CUDA_LANES
 from diga3d_warp.splatting.attribution import Shares, Strongest, shares, strongest
 from diga3d_warp.splatting.project import Projection
 
@@ -22,7 +22,7 @@ def projection(device: str = "cpu") -> Projection:
     return Projection(*(
         tensor.to(device)
         for tensor in (
-            fields["centers"], fields["depths"], fields["roots"], extents, fields["opacities"],
+            fields["centers"], fields["depths"], fields["factors"], extents, fields["opacities"],
             fields["depth_slopes"],
         )
     ))  # fmt: skip
@@ -129,7 +129,7 @@ def test_lanes_of_a_gpu_give_the_same(accuracy, monkeypatch, threads):
     results = []
     pixels = values(torch.ones(HEIGHT, WIDTH))
     for lanes in (CPU_LANES, CUDA_LANES):
-        monkeypatch.setattr(attribution, "lanes_of", lambda device, blending, lanes=lanes: lanes)
+        monkeypatch.setattr(attribution, "lanes_for", lambda device, blending, lanes=lanes: lanes)
         results.append([
             *shares(projection(), pixels, accuracy=accuracy),
             *strongest(projection(), WIDTH, HEIGHT, 3, accuracy=accuracy),

@@ -8,8 +8,8 @@ import warp as wp
 
 from diga3d_warp.config import TILE
 from diga3d_warp.kernels.binning import Bins, bin_gaussians
-from diga3d_warp.kernels.dealing import list_by_dealing
 from diga3d_warp.kernels.keyed_pairs import list_by_keys
+from diga3d_warp.kernels.pair_scatter import list_by_scatter
 from diga3d_warp.kernels.tiles import Lists
 
 COUNT = 120
@@ -88,7 +88,7 @@ def test_emissions_number_the_pairs_gaussian_after_gaussian(device):
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_sorting_keys_gives_the_same_lists_as_dealing(seed):
+def test_sorting_keys_gives_the_same_lists_as_the_scatter(seed):
     """The form for CUDA, on this machine's CPU."""
     centers, depths, extents = boxes(seed)
     arrays = [
@@ -96,9 +96,9 @@ def test_sorting_keys_gives_the_same_lists_as_dealing(seed):
         wp.array(extents, dtype=wp.vec2, device="cpu"),
         wp.array(depths, dtype=float, device="cpu").view(wp.int32),
     ]
-    dealt, sorted_ = list_by_dealing(*arrays, 64, 48), list_by_keys(*arrays, 64, 48)
-    assert dealt.gaussians.shape[0] > COUNT
-    for name, one, other in zip(Lists._fields, dealt, sorted_, strict=True):
+    scattered, sorted_ = list_by_scatter(*arrays, 64, 48), list_by_keys(*arrays, 64, 48)
+    assert scattered.gaussians.shape[0] > COUNT
+    for name, one, other in zip(Lists._fields, scattered, sorted_, strict=True):
         assert np.array_equal(one.numpy(), other.numpy()), name
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from diga3d_warp.kernels import harmonics, projection
-from diga3d_warp.kernels.columns import CUDA_COLUMNS
 from diga3d_warp.kernels.footprint import Projecting
+from diga3d_warp.kernels.gaussian_lanes import CUDA_LANES
 from diga3d_warp.kernels.normals import normals_kernel
 
 PLAIN = Projecting()
@@ -22,7 +22,7 @@ EXTRAS = {
 
 
 def projection_kernel(kind: Projecting):
-    return projection.projection_kernel(kind, CUDA_COLUMNS)
+    return projection.projection_kernel(kind, CUDA_LANES)
 
 
 @pytest.mark.parametrize("name", EXTRAS)
@@ -45,13 +45,13 @@ def test_all_at_once_compiles(cuda_code):
     )
     plain = replace(PLAIN, precision="float64")
     assert len(cuda_code(projection_kernel(kind))) > len(cuda_code(projection_kernel(plain)))
-    assert "wp::float64" in cuda_code(normals_kernel(CUDA_COLUMNS, "float64"))
+    assert "wp::float64" in cuda_code(normals_kernel(CUDA_LANES, "float64"))
 
 
 @pytest.mark.parametrize("kernel_of", [harmonics.harmonics_kernel, harmonics.adjoint_kernel])
 def test_harmonics_hold_only_the_terms_of_their_degree(kernel_of, cuda_code):
     """Each degree has a constant that no lower one needs."""
-    codes = [cuda_code(kernel_of(degree, CUDA_COLUMNS, "float64")) for degree in range(4)]
+    codes = [cuda_code(kernel_of(degree, CUDA_LANES, "float64")) for degree in range(4)]
     for least, constant in enumerate((harmonics.C0, harmonics.C1, harmonics.C2[2], harmonics.C3[1])):
         assert [str(constant) in code for code in codes] == [degree >= least for degree in range(4)]
     assert "wp::sqrt(" not in codes[0] and "wp::sqrt(" in codes[1]

@@ -10,7 +10,7 @@ from flat_splats import ACCURACIES, NAMES, blended, expected, few, plainly, spla
 import oracle
 from diga3d_warp.config import Accuracy, Effects
 from diga3d_warp.kernels import blending, compositing, compositing_adjoint
-from diga3d_warp.kernels.lanes import CPU_LANES, CUDA_LANES
+from diga3d_warp.kernels.pixel_lanes import CPU_LANES, CUDA_LANES
 from diga3d_warp.splatting.composite import composite
 from diga3d_warp.splatting.project import Projection
 
@@ -51,7 +51,9 @@ def test_a_gaussian_can_end_at_its_box():
     fields, extents = splats(37, 29)
     leaves = {name: value.double() for name, value in fields.items()}
     small = 0.4 * extents
-    projection = Projection(fields["centers"], fields["depths"], fields["roots"], small, fields["opacities"])
+    projection = Projection(
+        fields["centers"], fields["depths"], fields["factors"], small, fields["opacities"]
+    )
     found = composite(projection, fields["colors"], 37, 29, accuracy=accuracy)
     parts = {}
     for name, boxes in (("box", small.double()), ("none", None)):
@@ -68,7 +70,7 @@ def test_lanes_of_a_gpu_give_the_same_image_and_gradients(monkeypatch, threads):
     results = []
     for lanes in (CPU_LANES, CUDA_LANES):
         for module in (compositing, compositing_adjoint):
-            monkeypatch.setattr(module, "lanes_of", lambda device, _, lanes=lanes: lanes)
+            monkeypatch.setattr(module, "lanes_for", lambda device, _, lanes=lanes: lanes)
         found, leaves = blended(37, 29)
         oracle.weighted_sum(found, torch.ones(29, 37, dtype=torch.bool)).backward()
         results.append([*found, *(leaf.grad for leaf in leaves.values())])
@@ -85,7 +87,7 @@ def test_what_is_not_asked_for_leaves_the_rest_as_it_is():
     assert torch.equal(full.color, bare.color)
     for image in (full, bare):
         (image.color.square().sum() + image.transmittance.sum()).backward()
-    for name in ("centers", "roots", "opacities", "colors"):
+    for name in ("centers", "factors", "opacities", "colors"):
         torch.testing.assert_close(leaves[name].grad, bare_leaves[name].grad, rtol=1e-4, atol=1e-5)
     assert not bare_leaves["depths"].grad.any()
 
@@ -137,10 +139,10 @@ def test_the_polynomial_is_the_exponential(alpha_min, degree):
 def test_a_kernel_has_the_error_of_its_degree(degree, least, most):
     """Against float64's own exponential, where no splat is near a cut-off."""
     leaves = [leaf.detach() for leaf in few()]
-    centers, roots, depths, opacities, colors, _ = leaves
+    centers, factors, depths, opacities, colors, _ = leaves
     image = plainly(*leaves[:5], torch.ones(7, dtype=torch.bool), 6, 5)
     projection = Projection(*(
-        tensor.float() for tensor in (centers, depths, roots, torch.full_like(centers, 50.0), opacities)
+        tensor.float() for tensor in (centers, depths, factors, torch.full_like(centers, 50.0), opacities)
     ))  # fmt: skip
     found = composite(projection, colors.float(), 6, 5, accuracy=Accuracy(exp_degree=degree))
     assert least <= (found.color - image.color).abs().max() < most

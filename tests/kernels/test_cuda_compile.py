@@ -10,17 +10,17 @@ from diga3d_warp.kernels import (
     attribution,
     blending,
     cameras,
-    columns,
     compositing,
     compositing_adjoint,
+    gaussian_lanes,
     gradient_rows,
     harmonics,
     keyed_pairs,
-    lanes,
     mesh,
     normals,
     ordering,
     patches,
+    pixel_lanes,
     points,
     projection,
     raycast,
@@ -31,32 +31,34 @@ from diga3d_warp.kernels import (
 )
 from diga3d_warp.kernels.footprint import Projecting
 
-CUDA = lanes.CUDA_LANES
-COLUMNS = columns.CUDA_COLUMNS
+PIXELS = pixel_lanes.CUDA_LANES
+GAUSSIANS = gaussian_lanes.CUDA_LANES
 PLAIN = blending.Blending()
 FULL = blending.Blending(1e-7, 0.0, 8, precision="float64", boxed=True, normals=True, median=True)
 KERNELS = {
     "adam": lambda: adam.step_kernel(48),
     "pixel_rays": lambda: cameras.pixel_rays_kernel("fisheye"),
-    "project": lambda: projection.projection_kernel(Projecting("brown"), COLUMNS),
-    "project_adjoint": lambda: projection.adjoint_kernel(Projecting("brown"), COLUMNS),
-    "shade": lambda: harmonics.harmonics_kernel(3, COLUMNS),
-    "shade_adjoint": lambda: harmonics.adjoint_kernel(3, COLUMNS),
-    "orient": lambda: normals.normals_kernel(COLUMNS),
-    "orient_adjoint": lambda: normals.adjoint_kernel(COLUMNS),
+    "project": lambda: projection.projection_kernel(Projecting("brown"), GAUSSIANS),
+    "project_adjoint": lambda: projection.adjoint_kernel(Projecting("brown"), GAUSSIANS),
+    "shade": lambda: harmonics.harmonics_kernel(3, GAUSSIANS),
+    "shade_adjoint": lambda: harmonics.adjoint_kernel(3, GAUSSIANS),
+    "orient": lambda: normals.normals_kernel(GAUSSIANS),
+    "orient_adjoint": lambda: normals.adjoint_kernel(GAUSSIANS),
     "binning": lambda: keyed_pairs.emit_pairs,
-    "composite": lambda: compositing.forward_kernel(PLAIN, CUDA),
-    "composite_full": lambda: compositing.forward_kernel(FULL, CUDA),
-    "composite_adjoint": lambda: compositing_adjoint.adjoint_kernel(PLAIN, CUDA),
-    "composite_adjoint_full": lambda: compositing_adjoint.adjoint_kernel(FULL, CUDA),
-    "composite_deterministic": lambda: compositing.forward_kernel(PLAIN, lanes.CPU_LANES),
-    "composite_adjoint_deterministic": lambda: compositing_adjoint.adjoint_kernel(PLAIN, lanes.CPU_LANES),
+    "composite": lambda: compositing.forward_kernel(PLAIN, PIXELS),
+    "composite_full": lambda: compositing.forward_kernel(FULL, PIXELS),
+    "composite_adjoint": lambda: compositing_adjoint.adjoint_kernel(PLAIN, PIXELS),
+    "composite_adjoint_full": lambda: compositing_adjoint.adjoint_kernel(FULL, PIXELS),
+    "composite_deterministic": lambda: compositing.forward_kernel(PLAIN, pixel_lanes.CPU_LANES),
+    "composite_adjoint_deterministic": lambda: compositing_adjoint.adjoint_kernel(
+        PLAIN, pixel_lanes.CPU_LANES
+    ),
     "ordered": lambda: ordering.ordered_kernel(PLAIN),
     "ordered_full": lambda: ordering.ordered_kernel(FULL),
     "ordered_adjoint": lambda: ordering.ordered_adjoint_kernel(PLAIN, 1),
     "ordered_adjoint_full": lambda: ordering.ordered_adjoint_kernel(FULL, 1),
-    "attribute": lambda: attribution.attribution_kernel(PLAIN, CUDA, 3, True),
-    "attribute_full": lambda: attribution.attribution_kernel(FULL, CUDA, 1, False),
+    "attribute": lambda: attribution.attribution_kernel(PLAIN, PIXELS, 3, True),
+    "attribute_full": lambda: attribution.attribution_kernel(FULL, PIXELS, 1, False),
     "attribute_ordered": lambda: attribution.ordered_attribution_kernel(PLAIN, 1, 3, True),
     "attribute_ordered_full": lambda: attribution.ordered_attribution_kernel(FULL, 1, 0, True),
     "add_shares": lambda: attribution.share_kernel(PLAIN),
@@ -90,7 +92,7 @@ def test_compiles_to_ptx(name, tmp_path: Path):
 
 def test_gradients_that_pixels_share_are_added_atomically(tmp_path: Path):
     wp.compile_aot_module(
-        compositing_adjoint.adjoint_kernel(PLAIN, CUDA).module,
+        compositing_adjoint.adjoint_kernel(PLAIN, PIXELS).module,
         device=[],
         arch=90,
         module_dir=tmp_path,

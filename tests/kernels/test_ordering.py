@@ -44,7 +44,7 @@ def leaning(accuracy: Accuracy) -> Composite:
     projection = Projection(
         centers=torch.full((2, 2), 16.0),
         depths=torch.tensor([3.0, 2.9]),
-        roots=torch.tensor([[0.03, 0.0, 0.03]]).repeat(2, 1),
+        factors=torch.tensor([[0.03, 0.0, 0.03]]).repeat(2, 1),
         extents=torch.full((2, 2), 100.0),
         opacities=torch.tensor([0.9, 0.9]),
         depth_slopes=torch.tensor([[0.05, 0.0], [-0.05, 0.0]]),
@@ -85,7 +85,7 @@ def test_a_list_in_reverse_is_turned_around(count):
     depths = torch.linspace(1.0, 2.0, count, dtype=torch.float64)
     leaves = {
         "centers": torch.tensor([[-20.0, 8.0]]).repeat(count, 1).double(),
-        "roots": torch.tensor([[0.01, 0.0, 0.01]]).repeat(count, 1).double(),
+        "factors": torch.tensor([[0.01, 0.0, 0.01]]).repeat(count, 1).double(),
         "depths": depths,
         "opacities": torch.full((count,), 0.05).double(),
         "colors": torch.rand(count, 3, generator=random, dtype=torch.float64),
@@ -96,7 +96,7 @@ def test_a_list_in_reverse_is_turned_around(count):
     image = plainly(*leaves.values(), everything, 16, 16, slopes=slopes.double())
     single = {name: value.float() for name, value in leaves.items()}
     projection = Projection(
-        single["centers"], single["depths"], single["roots"], torch.full((count, 2), 200.0),
+        single["centers"], single["depths"], single["factors"], torch.full((count, 2), 200.0),
         single["opacities"], slopes.float(),
     )  # fmt: skip
     found = composite(projection, single["colors"], 16, 16, accuracy=STANDARD)

@@ -53,7 +53,7 @@ def inside_lens(gaussians, camera: Camera) -> torch.Tensor:
 
 
 def mixed_sum(splats, weights: list[torch.Tensor]) -> torch.Tensor:
-    conics = oracle.conics(splats.roots) if isinstance(splats, Projection) else splats.conics
+    conics = oracle.conics(splats.factors) if isinstance(splats, Projection) else splats.conics
     parts = (splats.centers, splats.depths, conics, splats.opacities)
     return sum((part * weight.to(part)).sum() for part, weight in zip(parts, weights, strict=True))
 
@@ -74,7 +74,7 @@ def test_values_agree_with_float64(lens, device):
 
     agree(found.centers, splats.centers, 1e-4)  # far-off rays go through a fifth power of themselves
     agree(found.depths, splats.depths, 1e-5)
-    agree(oracle.conics(found.roots), splats.conics, 1e-4)
+    agree(oracle.conics(found.factors), splats.conics, 1e-4)
     agree(found.opacities, splats.opacities, 1e-5)
     reach = (2 * torch.log(255 * splats.opacities)).clamp_min(0).sqrt()
     agree(found.extents, reach[:, None] * splats.covariances.diagonal(dim1=1, dim2=2).sqrt(), 1e-3)
@@ -126,7 +126,7 @@ def test_culled_rows_are_exact_zeros_with_zero_gradient(lens):
     assert COUNT // 5 < ahead.sum() < culled.sum() < COUNT, "outside the image, and behind the camera"
     for part in found[:5]:
         assert torch.equal(part[culled], torch.zeros_like(part[culled]))
-    shapes = [found.centers.shape, found.depths.shape, found.roots.shape, found.opacities.shape]
+    shapes = [found.centers.shape, found.depths.shape, found.factors.shape, found.opacities.shape]
     mixed_sum(found, [torch.ones(shape) for shape in shapes]).backward()
     for name, leaf in leaves.items():
         if name not in ("pose", "intrinsics"):
@@ -142,7 +142,7 @@ def test_a_gaussian_is_visible_exactly_if_a_tile_lists_it(precision, size):
     gaussians.log_scales -= 2.0
     accuracy = Accuracy(precision=precision)
     found, _ = projected(gaussians, camera, accuracy=accuracy)
-    bins = bin_projection(found, *size, getattr(torch, precision))
+    bins = bin_projection(found, *size)
     listed = torch.from_numpy(np.diff(bins.first.numpy()) > 0)
     assert torch.equal(listed, found.visible)
     assert 0 < listed.sum() < 2500
@@ -175,7 +175,7 @@ def test_bits_do_not_depend_on_the_number_of_threads(footprint, threads):
         threads(count)
         found, leaves = projected(gaussians, camera, accuracy=accuracy)
         normals = orient(*list(leaves.values())[:3], found.extents, camera.with_pose(leaves["pose"]))
-        parts = (found.centers, found.roots, found.depths, found.depth_slopes, normals)
+        parts = (found.centers, found.factors, found.depths, found.depth_slopes, normals)
         sum(part.sum() for part in parts).backward()
         results.append([*found, normals, *(leaf.grad for leaf in leaves.values())])
     assert all(part.abs().max() > 0.01 for part in (*parts, leaves["pose"].grad))
@@ -194,7 +194,9 @@ def test_a_gaussian_on_the_axis_of_a_fisheye_has_the_pinhole_s_shape():
     plain, _ = projected(gaussians, pinhole)
     bent, leaves = projected(gaussians, fisheye)
     assert plain.extents[0, 0] > 1.0
-    torch.testing.assert_close(oracle.conics(bent.roots), oracle.conics(plain.roots), rtol=1e-3, atol=1e-6)
+    torch.testing.assert_close(
+        oracle.conics(bent.factors), oracle.conics(plain.factors), rtol=1e-3, atol=1e-6
+    )
     bent.centers.sum().backward()
     assert leaves["means"].grad.isfinite().all()
     assert math.isclose(bent.centers[0, 0].item(), 32.0, abs_tol=1e-3)

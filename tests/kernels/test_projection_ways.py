@@ -53,7 +53,7 @@ def test_values_and_gradients_agree_in_float64(footprint, lens):
     assert (found.visible <= (drawn & splats.meets(camera, 0.5 + 1e-6))).all()
     assert 50 < found.visible.sum() < drawn.sum() < 150
 
-    parts = [found.centers, found.depths, oracle.conics(found.roots), found.opacities, found.depth_slopes]
+    parts = [found.centers, found.depths, oracle.conics(found.factors), found.opacities, found.depth_slopes]
     truths = [splats.centers, splats.depths, splats.conics, splats.opacities, splats.slopes]
     tame = found.visible & (splats.depths > 0.3)  # numbers grow without bound next to the camera plane
     for part, truth in zip(parts, truths, strict=True):
@@ -112,7 +112,7 @@ def test_gradcheck(footprint, lens):
 
     def parts(*tensors):
         out = projected(dict(zip(names, tensors, strict=True)), camera, accuracy, effects)
-        return out.centers, out.depths, out.roots, out.opacities, out.depth_slopes
+        return out.centers, out.depths, out.factors, out.opacities, out.depth_slopes
 
     assert torch.autograd.gradcheck(
         parts, (*chosen, leaves["pose"], leaves["intrinsics"]), eps=1e-6, atol=1e-6, rtol=1e-5
@@ -129,7 +129,7 @@ def test_sigma_points_agree_in_float32(lens, device):
     assert tame.sum() > 50
     torch.testing.assert_close(found.centers.cpu().double()[tame], splats.centers[tame], rtol=1e-5, atol=1e-4)
     torch.testing.assert_close(
-        oracle.conics(found.roots).cpu().double()[tame], splats.conics[tame], rtol=1e-3, atol=1e-4
+        oracle.conics(found.factors).cpu().double()[tame], splats.conics[tame], rtol=1e-3, atol=1e-4
     )
 
 
@@ -163,7 +163,7 @@ def test_sigma_points_follow_perspective_and_lens_better_than_the_jacobian(lens,
             accuracy = replace(DOUBLE, footprint=footprint)
             tensors = (getattr(gaussians, name) for name in FIELDS)
             out = project(*tensors, camera, accuracy=accuracy, effects=SHARP)
-            xx, xy, yy = oracle.conics(out.roots)[0].tolist()
+            xx, xy, yy = oracle.conics(out.factors)[0].tolist()
             found = np.linalg.inv([[xx, xy], [xy, yy]]) - SPLATTING.low_pass_antialiased * np.eye(2)
             shape = np.linalg.norm(found - covariance) / np.linalg.norm(covariance)
             shift = np.linalg.norm(out.centers[0].numpy() - mean) / math.sqrt(covariance.trace())
@@ -181,7 +181,7 @@ def test_small_gaussians_have_the_same_footprint_either_way():
     near_axis = flat.depths > 1.0
     assert near_axis.sum() > 20
     torch.testing.assert_close(
-        oracle.conics(curved.roots)[near_axis], oracle.conics(flat.roots)[near_axis], rtol=1e-3, atol=1e-5
+        oracle.conics(curved.factors)[near_axis], oracle.conics(flat.factors)[near_axis], rtol=1e-3, atol=1e-5
     )
 
 
@@ -193,12 +193,12 @@ def test_a_gaussian_around_the_camera_has_finite_sigma_points(log_scale):
     camera = Camera(40, 30, 35.0, 35.0, 20.0, 15.0, torch.eye(4))
     out = project(*leaves, camera, accuracy=Accuracy(footprint="unscented"))
     assert out.extents[0, 0] > 0
-    (out.centers.sum() + out.roots.sum()).backward()
+    (out.centers.sum() + out.factors.sum()).backward()
     assert all(leaf.grad.isfinite().all() for leaf in leaves)
     truth = oracle.project(
         *(leaf.detach().double() for leaf in leaves), camera.world_to_camera, camera, footprint="unscented"
     )
-    torch.testing.assert_close(oracle.conics(out.roots).double(), truth.conics, rtol=1e-4, atol=1e-7)
+    torch.testing.assert_close(oracle.conics(out.factors).double(), truth.conics, rtol=1e-4, atol=1e-7)
     # Without the stop the far ends would pass through the camera plane, where pixels are at infinity.
     assert out.centers.sub(torch.tensor([27.0, 18.5])).norm() < 10.0
 
@@ -213,9 +213,11 @@ def test_a_sigma_point_beyond_the_fold_of_a_lens_turns_its_axis_linear():
         for footprint in FOOTPRINTS
     )
     assert flat.visible.all()
-    torch.testing.assert_close(oracle.conics(curved.roots), oracle.conics(flat.roots), rtol=1e-2, atol=1e-4)
+    torch.testing.assert_close(
+        oracle.conics(curved.factors), oracle.conics(flat.factors), rtol=1e-2, atol=1e-4
+    )
     truth = oracle.project(*tensors, camera.world_to_camera, camera, footprint="unscented", antialias=True)
-    torch.testing.assert_close(oracle.conics(curved.roots), truth.conics, rtol=1e-6, atol=1e-9)
+    torch.testing.assert_close(oracle.conics(curved.factors), truth.conics, rtol=1e-6, atol=1e-9)
 
 
 def test_the_circle_is_that_of_3dgs():
@@ -237,7 +239,7 @@ def test_a_lower_alpha_min_reaches_farther_and_keeps_fainter_gaussians():
     assert project(*tensors, camera).extents[0, 0] == 0
     found = project(*tensors, camera, accuracy=Accuracy(precision="float64", alpha_min=1e-7))
     dx = found.extents[0, 0].double()
-    conic = oracle.conics(found.roots)[0].double()
+    conic = oracle.conics(found.factors)[0].double()
     along_x = conic[0] - conic[1] ** 2 / conic[2]  # smallest exponent on the box's side
     at_side = found.opacities[0].double() * torch.exp(-0.5 * along_x * dx**2)
     assert at_side.item() == pytest.approx(1e-7, rel=1e-3)
@@ -252,7 +254,7 @@ def test_antialiasing_keeps_the_light_of_a_splat_below_a_pixel():
         tensors = [getattr(gaussians, name).double() for name in FIELDS]
         accuracy = Accuracy(precision="float64", alpha_min=1e-7)
         out = project(*tensors, camera, accuracy=accuracy, effects=Effects(antialias=antialias))
-        xx, xy, yy = oracle.conics(out.roots)[0].tolist()
+        xx, xy, yy = oracle.conics(out.factors)[0].tolist()
         light[antialias, log_scale] = out.opacities.item() / math.sqrt(xx * yy - xy * xy)
     shrunk = math.exp(-4.0)
     assert light[True, -5.0] / light[True, -3.0] == pytest.approx(shrunk, rel=1e-6)
@@ -267,7 +269,7 @@ def test_a_disc_seen_edge_on_vanishes_when_antialiased():
         leaves = [getattr(disc, name).requires_grad_() for name in FIELDS]
         assert project(*leaves, camera).extents[0, 0] > 0
         out = project(*leaves, camera, effects=SHARP)
-        (out.opacities.sum() + out.roots.sum()).backward()
+        (out.opacities.sum() + out.factors.sum()).backward()
         assert not out.extents.any() and not out.opacities.any()
         assert not any(leaf.grad.any() for leaf in leaves)
 

@@ -70,10 +70,6 @@ def by_tape():
     """The same through a tape; outputs, leaves and a function that runs backward."""
     camera = camera_at("brown", WIDTH, HEIGHT)
     optics = optics_of(camera)
-    lens = taped.Lens(
-        optics.lens_kind, optics.coefficients, wp.vec2(*optics.lower), wp.vec2(*optics.upper),
-        optics.radius_max, optics.width, optics.height,
-    )  # fmt: skip
     leaves = {name: leaf(tensor, KINDS[name]) for name, tensor in random_gaussians(100).named()}
     pose = camera.world_to_camera
     leaves["poses"] = leaf(pose[None].float(), wp.mat44)
@@ -83,7 +79,7 @@ def by_tape():
     target = warp_array(random(HEIGHT, WIDTH, 3).view(-1, 3), wp.vec3)
     with wp.Tape() as tape:
         parameters = [leaves[name] for name in ("means", "log_scales", "quaternions", "opacity_logits")]
-        splats = taped.project(tape, lens, *parameters, leaves["poses"], leaves["intrinsics"])
+        splats = taped.project(tape, optics, *parameters, leaves["poses"], leaves["intrinsics"])
         colors = taped.shade(tape, 3, leaves["means"], leaves["sh"], leaves["eyes"], splats.extents)
         outputs = taped.composite(
             tape, splats, colors, WIDTH, HEIGHT,
@@ -149,7 +145,7 @@ def test_double_precision_and_normals_give_the_bits_of_torch():
     found = project(*parameters, posed, accuracy=accuracy, effects=effects)
     normals = orient(*parameters[:3], found.extents, posed)
     colors = shade(parameters[0], sh, found.extents, posed, 3)
-    parts = [found.centers, found.roots, found.opacities, found.depth_slopes, normals, colors]
+    parts = [found.centers, found.factors, found.opacities, found.depth_slopes, normals, colors]
     sum(part.sum() for part in parts).backward()
 
     kinds = [wp.vec3d, wp.vec3d, wp.vec4d, wp.float64, wp.vec3d, wp.mat44d, wp.vec4d, wp.vec3d]
@@ -158,18 +154,14 @@ def test_double_precision_and_normals_give_the_bits_of_torch():
     values = [*(tensor.detach() for tensor in tensors.values()), *rows]
     arrays = [leaf(value, kind) for value, kind in zip(values, kinds, strict=True)]
     means, log_scales, quaternions, logits, coefficients, poses, focal, eyes = arrays
-    lens = taped.Lens(
-        optics.lens_kind, optics.coefficients, wp.vec2(*optics.lower), wp.vec2(*optics.upper),
-        optics.radius_max, optics.width, optics.height,
-    )  # fmt: skip
     with wp.Tape() as tape:
         splats = taped.project(
-            tape, lens, means, log_scales, quaternions, logits, poses, focal,
+            tape, optics, means, log_scales, quaternions, logits, poses, focal,
             accuracy=accuracy, effects=effects,
         )  # fmt: skip
         facing = taped.orient(tape, means, log_scales, quaternions, poses, splats.extents)
         lit = taped.shade(tape, 3, means, coefficients, eyes, splats.extents)
-    outputs = [splats.centers, splats.roots, splats.opacities, splats.depth_slopes, facing, lit]
+    outputs = [splats.centers, splats.factors, splats.opacities, splats.depth_slopes, facing, lit]
     for array, tensor in zip(outputs, parts, strict=True):
         np.testing.assert_allclose(array.numpy(), tensor.detach().numpy(), rtol=1e-7)  # the lens is rounded
     tape.backward(grads={array: wp.ones_like(array) for array in outputs})

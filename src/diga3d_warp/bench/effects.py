@@ -23,14 +23,12 @@ from diga3d_warp.effects.prices import PRICED, fastest, toggled, training_step
 from diga3d_warp.evaluation.tables import Table
 from diga3d_warp.gaussians.exposure import exposed
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.kernels import ordering
+from diga3d_warp.kernels import gaussian_lanes, ordering, pixel_lanes
 from diga3d_warp.kernels.blending import Blending
-from diga3d_warp.kernels.columns import CPU_COLUMNS
 from diga3d_warp.kernels.compositing import forward_kernel
 from diga3d_warp.kernels.compositing_adjoint import adjoint_kernel
 from diga3d_warp.kernels.footprint import Projecting
 from diga3d_warp.kernels.harmonics import harmonics_kernel
-from diga3d_warp.kernels.lanes import CPU_LANES
 from diga3d_warp.kernels.normals import normals_kernel
 from diga3d_warp.kernels.projection import projection_kernel
 from diga3d_warp.scene.camera import Camera
@@ -81,17 +79,18 @@ def kernels_of(effects: Effects, lens_kind: str) -> dict[str, wp.Kernel]:
     accuracy = Accuracy.STANDARD
     blending = Blending.of(accuracy, effects, normals=effects.normals, median=effects.median_depth)
     projecting = Projecting.of(lens_kind if effects.lens else "none", accuracy, effects)
+    degree = 3 if effects.sh_degree is None else effects.sh_degree
     kernels = {
-        "project": projection_kernel(projecting, CPU_COLUMNS),
-        "shade": harmonics_kernel(3 if effects.sh_degree is None else effects.sh_degree, CPU_COLUMNS),
-        "blend": forward_kernel(blending, CPU_LANES),
-        "blend, adjoint": adjoint_kernel(blending, CPU_LANES),
+        "project": projection_kernel(projecting, gaussian_lanes.CPU_LANES),
+        "shade": harmonics_kernel(degree, gaussian_lanes.CPU_LANES),
+        "blend": forward_kernel(blending, pixel_lanes.CPU_LANES),
+        "blend, adjoint": adjoint_kernel(blending, pixel_lanes.CPU_LANES),
     }
     if effects.pixel_order:
         kernels["blend"] = ordering.ordered_kernel(blending)
         kernels["blend, adjoint"] = ordering.ordered_adjoint_kernel(blending, TILE)
     if effects.normals:
-        kernels["orient"] = normals_kernel(CPU_COLUMNS)
+        kernels["orient"] = normals_kernel(gaussian_lanes.CPU_LANES)
     return kernels
 
 

@@ -11,14 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-import warp as wp
 
 from diga3d_warp.config import TILE
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.kernels.binning import Bins, bin_gaussians
 from diga3d_warp.kernels.harmonics import C0
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.splatting.arrays import warp_array
+from diga3d_warp.splatting.composite import bin_projection
 from diga3d_warp.splatting.project import Projection, project
 
 DEGREE = 3
@@ -117,25 +115,14 @@ def project_into(gaussians: Gaussians, camera: Camera) -> Projection:
     )
 
 
-def binned(projection: Projection, camera: Camera) -> Bins:
-    """The gaussians listed by tile."""
-    return bin_gaussians(
-        warp_array(projection.centers, wp.vec2),
-        warp_array(projection.depths, wp.float32),
-        warp_array(projection.extents, wp.vec2),
-        camera.width,
-        camera.height,
-    )
-
-
 def statistics(projection: Projection, camera: Camera) -> Statistics:
     """Count what a rasteriser has to do for a projected scene."""
-    bins = binned(projection, camera)
+    bins = bin_projection(projection, camera.width, camera.height)
     listed = np.diff(bins.starts.numpy().astype(np.int64)).reshape(bins.rows, bins.columns)
     wide = np.minimum(TILE, camera.width - TILE * np.arange(bins.columns))
     high = np.minimum(TILE, camera.height - TILE * np.arange(bins.rows))
     drawn = projection.visible
-    l11, l21, l22 = projection.roots.detach()[drawn].double().unbind(1)
+    l11, l21, l22 = projection.factors.detach()[drawn].double().unbind(1)
     xx, xy, yy = l11**2, l11 * l21, l21**2 + l22**2
     # The smaller eigenvalue of the inverse covariance is the inverse of the larger variance.
     smaller = 0.5 * (xx + yy) - (0.25 * (xx - yy) ** 2 + xy**2).sqrt()

@@ -11,14 +11,14 @@ from contextlib import contextmanager
 import torch
 import warp as wp
 
-from diga3d_warp.bench.garden import DEGREE, Garden, binned, project_into
+from diga3d_warp.bench.garden import DEGREE, Garden, project_into
 from diga3d_warp.config import Effects
 from diga3d_warp.gaussians.losses import photometric_loss
 from diga3d_warp.gaussians.optimiser import GaussianAdam, LearningRates
 from diga3d_warp.kernels import plain
 from diga3d_warp.kernels.launch import set_thread_count, thread_count, timed_launches
-from diga3d_warp.splatting.arrays import warp_array
-from diga3d_warp.splatting.composite import composite
+from diga3d_warp.splatting.arrays import vector_arrays
+from diga3d_warp.splatting.composite import bin_projection, composite
 from diga3d_warp.splatting.project import Projection
 from diga3d_warp.splatting.render import render
 from diga3d_warp.splatting.shade import shade
@@ -101,24 +101,21 @@ class Bench:
             projection = project_into(gaussians, camera)
             colors = shade(gaussians.means, gaussians.sh, projection.extents, camera, DEGREE)
         pixels = camera.width * camera.height
-        bins = binned(projection, camera)
-        splats = [
-            warp_array(projection.centers, wp.vec2),
-            warp_array(projection.roots, wp.vec3),
-            warp_array(projection.opacities, wp.float32),
-            warp_array(colors, wp.vec3),
-        ]
-        outputs = [wp.zeros(pixels, dtype=dtype, device="cpu") for dtype in (wp.vec3, float)]
-        adj_outputs = [wp.ones(pixels, dtype=dtype, device="cpu") for dtype in (wp.vec3, float)]
+        bins = bin_projection(projection, camera.width, camera.height)
+        splats = plain.Blended(
+            *vector_arrays([projection.centers, projection.factors, projection.opacities, colors])
+        )
+        image = plain.Image(*(wp.zeros(pixels, dtype=dtype, device="cpu") for dtype in (wp.vec3, float)))
+        adj_image = plain.Image(*(wp.ones(pixels, dtype=dtype, device="cpu") for dtype in (wp.vec3, float)))
         seconds: Seconds = {name: [] for name in PLAIN}
         with quiet():
             for repeat in range(repeats + 1):
-                adj_splats = [wp.zeros_like(array) for array in splats]
+                adj_splats = plain.Blended(*map(wp.zeros_like, splats))
                 start = time.perf_counter()
-                plain.composite(bins, camera.width, camera.height, splats, outputs)
+                plain.composite(bins, camera.width, camera.height, splats, image)
                 middle = time.perf_counter()
                 plain.composite_adjoint(
-                    bins, camera.width, camera.height, splats, outputs, adj_outputs, adj_splats
+                    bins, camera.width, camera.height, splats, image, adj_image, adj_splats
                 )
                 if repeat > 0:
                     seconds["plain blend"].append(middle - start)
@@ -134,7 +131,7 @@ class Bench:
 
         flat = projection._replace(
             centers=_leaf(projection.centers),
-            roots=_leaf(projection.roots),
+            factors=_leaf(projection.factors),
             opacities=_leaf(projection.opacities),
         )
         shaded = _leaf(colors)
@@ -149,7 +146,7 @@ class Bench:
         with watch(measured, "loss adjoint"):
             (adj_color,) = torch.autograd.grad(loss, color)
 
-        inputs = [flat.centers, flat.roots, flat.opacities, shaded]
+        inputs = [flat.centers, flat.factors, flat.opacities, shaded]
         with watch(measured, "sum rows"), timed_launches() as launches:
             adj_splats = torch.autograd.grad(blended.color, inputs, adj_color)
         measured["blend adjoint"] = sum(t for name, t in launches if name == "composite_adjoint")
@@ -160,7 +157,7 @@ class Bench:
             of_means, of_sh = torch.autograd.grad(colors, [gaussians.means, gaussians.sh], adj_splats[3])
         with watch(measured, "project adjoint"):
             gradients = list(torch.autograd.grad(
-                [projection.centers, projection.roots, projection.opacities], parameters[:4],
+                [projection.centers, projection.factors, projection.opacities], parameters[:4],
                 list(adj_splats[:3]),
             ))  # fmt: skip
             gradients[0] = gradients[0].add_(of_means)

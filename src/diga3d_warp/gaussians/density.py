@@ -27,8 +27,8 @@ class DensitySettings:
 
     Attributes:
         interval: Iterations between two rounds.
-        begin: Part of all iterations before the first round: the first gaussians must settle.
-        end: Part of all iterations after the last round: what was moved last must settle too.
+        begin: Part of all iterations before the first round: the first gaussians need time to converge.
+        end: Part of all iterations after the last round: what was moved last needs that time, too.
         dead_opacity: Below this opacity a gaussian has faded. 3DGS-MCMC: 0.005.
         spread: How far copies lie from the original's centre [its standard deviations]. They shrink by
             sqrt(1 - spread^2), so that all copies together have the covariance of the original; 0.8 gives

@@ -65,8 +65,8 @@ class FitSettings:
 
 
 Guide = Callable[[torch.Tensor, float, torch.Generator], torch.Tensor]
-"""Loss of a rendering (H, W, 3), of the part of the fit that is done in [0, 1], and of random numbers that an
-interrupted fit takes up again."""
+"""Loss of a rendering (H, W, 3), given the part of the fit that is done, in [0, 1], and the generator of
+random numbers, whose state is in the checkpoint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +186,7 @@ def fit(
 ) -> FitResult:
     """Optimise gaussians until their renderings match the targets.
 
-    The same arguments give the same bytes, also when the fit was interrupted and taken up again.
+    The same arguments give the same bytes, also when the fit was interrupted and resumed.
 
     Args:
         gaussians: Where to start; not changed. Means in float64 are fitted relative to their middle.
@@ -195,11 +195,11 @@ def fit(
         settings: How long and towards what.
         effects: What is simulated. `sh_degree` bounds the harmonics; with `exposure` each target has its own
             colour transform; with `background` a target that has alpha is compared over another random colour
-            at each step; `depth` is blended where the loss needs it, whatever stands here.
+            at each step; `depth` is blended where the loss needs it, whatever its value here.
         seed: Of the order of images and of density control.
         held: Gaussians that keep their values, shape (N,), bool. Those added later are free.
         checkpoint: File to go on from if it exists, and to save to.
-        note: Told if the checkpoint is unusable; the fit then begins anew.
+        note: Receives a message if the checkpoint is unusable; the fit then starts again.
         progress: Show a bar on stderr.
         label: Name of the fit, on the bar and in errors.
 
@@ -274,8 +274,10 @@ class _Fit:
         exposure = self.exposures.transforms[index] if self.exposures else None
         behind = self._behind(target)
         # Exposure is that of the object: the background is chosen so that it comes out of it as `behind`.
-        wall = behind if exposure is None or target.alpha is None else unexposed(behind, exposure)
-        rendering = render(gaussians, target.camera, effects=effects, accuracy=s.accuracy, background=wall)
+        background = behind if exposure is None or target.alpha is None else unexposed(behind, exposure)
+        rendering = render(
+            gaussians, target.camera, effects=effects, accuracy=s.accuracy, background=background
+        )
         wanted, color = target.over(behind), rendering.color
         if exposure is not None:
             color = exposed(color, exposure)
@@ -308,18 +310,20 @@ class _Fit:
         )  # fmt: skip
         self._note(pull, projection.visible)
         if self.exposures and done >= EXPOSING.begin:
-            self._update_exposure(index, target, rendering, wall)
+            self._update_exposure(index, target, rendering, background)
         self._control_density(done, means_rate)
         self._record(float(loss.detach()), color.detach(), wanted, target.weight)
         self.iteration += 1
         self.seconds += time.perf_counter() - start
 
-    def _update_exposure(self, index: int, target: Target, rendering: Rendering, wall: torch.Tensor) -> None:
-        """Find the exposure of an image anew, over black on both sides if the image has alpha."""
+    def _update_exposure(
+        self, index: int, target: Target, rendering: Rendering, background: torch.Tensor
+    ) -> None:
+        """Update the exposure of an image, over black on both sides if the image has alpha."""
         assert self.exposures is not None
         color, alpha = rendering.color, None
         if target.alpha is not None:
-            color, alpha = color - (1.0 - rendering.alpha)[..., None] * wall, rendering.alpha
+            color, alpha = color - (1.0 - rendering.alpha)[..., None] * background, rendering.alpha
         self.exposures.update(index, color, target.over(torch.zeros(3)), target.solid_weight, alpha)
 
     def _behind(self, target: Target) -> torch.Tensor:
@@ -443,7 +447,7 @@ class _Fit:
             self.load(path)
         except Unusable as unusable:
             if note is not None:
-                note(f"{path} is {unusable}: that stage begins anew")
+                note(f"{path} is {unusable}: that stage starts again")
 
     def load(self, path: Path) -> None:
         """Go on from a checkpoint.

@@ -98,7 +98,7 @@ def object_rows(votes: Votes, settings: LiftSettings) -> torch.Tensor:
 def object_share(
     gaussians: Gaussians, camera: Camera, rows: torch.Tensor, effects: Effects = Effects()
 ) -> torch.Tensor:
-    """Part of each pixel that the gaussians in `rows` (N,) take, behind what stands before them, (H, W)."""
+    """Part of each pixel that the gaussians in `rows` (N,) take, behind the gaussians in front, (H, W)."""
     colors = rows.to(torch.float32)[:, None].repeat(1, 3)
     projection = _projected(gaussians, camera, effects)
     return composite(projection, colors, camera.width, camera.height, effects=COLOR_ALONE).color[..., 0]

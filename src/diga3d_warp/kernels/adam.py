@@ -1,8 +1,8 @@
 """One step of Adam (Kingma and Ba 2015) on the rows of a parameter that are visible in an image.
 
 Rows of culled gaussians keep value and moments, as in Taming 3DGS (Mallick et al. 2024): their gradient is
-zero, old moments would move them on without any reason, and it would cost as much memory traffic as all
-others. Regularisers do not reach them either; density control moves what stays unseen.
+zero, so old moments alone would move them, at the same memory traffic as visible ones. Regularisers do not
+reach them either; density control moves gaussians that are never visible.
 
 Invariants
 - A parameter is flat: row `r` holds the cells from `r * width` on. The loop over the cells of a row is one of

@@ -1,29 +1,36 @@
-"""Attribution: which gaussians make a pixel, and how much of an image each gaussian makes.
+"""Attribution: the gaussians with the largest weights in a pixel, and the share of each gaussian in an image.
 
 Blocks, lanes and rounds are those of `compositing` and `ordering`; colours are not needed. Nothing here has a
 gradient.
 
 Invariants
 - Weights are those of compositing: the same rules in the same order.
-- Pixels beyond the image's border, which tiles reach over, count for nothing: like finished ones they have a
-  negative transmittance.
+- Pixels of a tile beyond the image's border do not count: like finished ones they have a negative
+  transmittance.
 - Among equal weights the gaussian in front counts as stronger.
 - A pair belongs to one tile, which one thread of a CPU owns; rows of one gaussian are added in the order of
   its emissions.
 """
 
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import warp as wp
 
-from diga3d_warp.config import TILE
 from diga3d_warp.kernels.binning import Bins
 from diga3d_warp.kernels.blending import Blending, rules
-from diga3d_warp.kernels.lanes import Lanes, lanes_of, lowest_bit, reached_function, total_function
+from diga3d_warp.kernels.lanes import total_function
 from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.ordering import WINDOW, nearest_function
+from diga3d_warp.kernels.pixel_lanes import (
+    PixelLanes,
+    lanes_for,
+    lowest_bit,
+    reached_function,
+    region_function,
+)
 from diga3d_warp.kernels.precision import types_of
+from diga3d_warp.kernels.splats import Splats
 
 
 def share_row(blending: Blending) -> Any:
@@ -32,17 +39,17 @@ def share_row(blending: Blending) -> Any:
 
 
 @cache
-def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares: bool) -> wp.Kernel:
-    """Note the `strongest` gaussians of each pixel, and with `shares` what each pair takes of the image."""
+def attribution_kernel(blending: Blending, lanes: PixelLanes, strongest: int, shares: bool) -> wp.Kernel:
+    """Find the `strongest` gaussians of each pixel, and with `shares` the share of each pair in the image."""
     width, height, across = lanes.block_width, lanes.block_height, lanes.across
-    blocks, size, per_tile = lanes.blocks, lanes.size, lanes.per_tile
+    blocks, size = lanes.blocks, lanes.size
     real = blending.real
     vec2, vec3, *_ = types_of(real)
     vec = wp.types.vector(size, real)
     ints = wp.types.vector(size, int)
     row_of = share_row(blending)
     unit, response, clipped, survives, _ = rules(blending)
-    reached = reached_function(blending, lanes)
+    region_of, reached = region_function(lanes.region), reached_function(blending, lanes)
     total = total_function(size, real)
     value_planes = 3 * blocks if shares else 1
     kept_planes = max(1, strongest * blocks)
@@ -58,7 +65,7 @@ def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares:
         emissions: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        roots: wp.array(dtype=vec3),
+        factors: wp.array(dtype=vec3),
         opacities: wp.array(dtype=real),
         depths: wp.array(dtype=real),
         slopes: wp.array(dtype=vec2),
@@ -68,11 +75,7 @@ def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares:
         weights: wp.array2d(dtype=real),
         rows: wp.array(dtype=row_of),
     ):
-        index = wp.tid() + offset
-        tile = index // wp.static(per_tile * per_tile)
-        part = index % wp.static(per_tile * per_tile)
-        x0 = (tile % columns) * wp.static(TILE) + (part % wp.static(per_tile)) * wp.static(lanes.region)
-        y0 = (tile // columns) * wp.static(TILE) + (part // wp.static(per_tile)) * wp.static(lanes.region)
+        tile, x0, y0 = region_of(wp.tid() + offset, columns)
 
         T = wp.zeros(shape=wp.static(blocks), dtype=vec)
         v = wp.zeros(shape=wp.static(value_planes), dtype=vec)
@@ -103,7 +106,7 @@ def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares:
             i = gaussians[j]
             center = centers[i]
             extent = extents[i]
-            root = real(wp.static(unit)) * roots[i]
+            factor = real(wp.static(unit)) * factors[i]
             opacity = opacities[i]
             gx = center[0] - real(x0) - real(0.5)
             gy = center[1] - real(y0) - real(0.5)
@@ -112,7 +115,7 @@ def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares:
             taken_green = vec(real(0.0))
             taken_blue = vec(real(0.0))
             hits = vec(real(0.0))
-            remaining = live & reached(i, centers, extents, roots, x0, y0)
+            remaining = live & reached(i, centers, extents, factors, x0, y0)
             while remaining != 0:
                 block = lowest_bit(remaining)
                 remaining = remaining & (remaining - 1)
@@ -125,7 +128,7 @@ def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares:
                 for q in range(size):
                     dx = bgx - real(q % width)
                     dy = bgy - real(q // width)
-                    w = clipped(response(opacity, root, dx, dy, extent)) * T_b[q]
+                    w = clipped(response(opacity, factor, dx, dy, extent)) * T_b[q]
                     alive = survives(T_b[q] - w, 1)
                     left[q] = wp.where(alive > 0, T_b[q] - w, -wp.abs(T_b[q]))
                     weight[q] = wp.where(alive > 0, w, real(0.0))
@@ -178,13 +181,13 @@ def attribution_kernel(blending: Blending, lanes: Lanes, strongest: int, shares:
 
 @cache
 def ordered_attribution_kernel(blending: Blending, region: int, strongest: int, shares: bool) -> wp.Kernel:
-    """The same with each pixel in its own order; one index a square of `region` px."""
+    """The same with each pixel in its own order; one index for each square of `region` px."""
     real = blending.real
     vec2, vec3, *_ = types_of(real)
     row_of = share_row(blending)
     _, _, clipped, survives, _ = rules(blending)
     nearest = nearest_function(blending)
-    per_tile = TILE // region
+    region_of = region_function(region)
     tops = wp.types.vector(length=max(1, strongest), dtype=real)
     top_indices = wp.types.vector(length=max(1, strongest), dtype=int)
 
@@ -199,7 +202,7 @@ def ordered_attribution_kernel(blending: Blending, region: int, strongest: int, 
         emissions: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        roots: wp.array(dtype=vec3),
+        factors: wp.array(dtype=vec3),
         opacities: wp.array(dtype=real),
         depths: wp.array(dtype=real),
         slopes: wp.array(dtype=vec2),
@@ -209,11 +212,7 @@ def ordered_attribution_kernel(blending: Blending, region: int, strongest: int, 
         weights: wp.array2d(dtype=real),
         rows: wp.array(dtype=row_of),
     ):
-        thread = wp.tid() + offset
-        tile = thread // wp.static(per_tile * per_tile)
-        part = thread % wp.static(per_tile * per_tile)
-        x0 = (tile % columns) * TILE + (part % per_tile) * region
-        y0 = (tile // columns) * TILE + (part // per_tile) * region
+        tile, x0, y0 = region_of(wp.tid() + offset, columns)
         for q in range(wp.static(region * region)):
             x = x0 + q % region
             y = y0 + q // region
@@ -228,7 +227,7 @@ def ordered_attribution_kernel(blending: Blending, region: int, strongest: int, 
                 pixel = vec2(real(x) + real(0.5), real(y) + real(0.5))
                 while live != 0:
                     js, zs, raws = nearest(
-                        starts[tile], starts[tile + 1], gaussians, centers, extents, roots, opacities,
+                        starts[tile], starts[tile + 1], gaussians, centers, extents, factors, opacities,
                         depths, slopes, pixel, last_depth, last_pair,
                     )  # fmt: skip
                     last_depth = zs[WINDOW - 1]
@@ -294,56 +293,90 @@ def share_kernel(blending: Blending) -> wp.Kernel:
     return add_shares
 
 
+class Strongest(NamedTuple):
+    """The gaussians that weigh most in each pixel.
+
+    Attributes:
+        gaussians: Their indices, -1 where fewer show, shape (H * W, count), int32.
+        weights: Their weights, shape (H * W, count).
+    """
+
+    gaussians: wp.array
+    weights: wp.array
+
+
+class Shares(NamedTuple):
+    """What each gaussian takes of an image; 0 for gaussians that no tile lists.
+
+    Attributes:
+        weights: Sum of weights, shape (N,).
+        sums: Sum of weights times values, shape (N,), vec3.
+        hits: Number of pixels, shape (N,), int32.
+    """
+
+    weights: wp.array
+    sums: wp.array
+    hits: wp.array
+
+
 def strongest(
-    bins: Bins, width: int, height: int, splats: list, outputs: list, count: int, blending: Blending
+    bins: Bins, width: int, height: int, splats: Splats, result: Strongest, blending: Blending
 ) -> None:
     """Find the gaussians that weigh most in each pixel.
 
     Args:
         bins: Pairs of this image.
         width, height: Image size [px].
-        splats: centers (N,) vec2, extents (N,) vec2, roots (N,) vec3, opacities (N,), depths (N,),
-            depth_slopes (N,) vec2; the last two are read with `blending.pixel_order` alone.
-        outputs: Indices of gaussians, int, -1 where fewer show, and their weights, shape (H * W, count) each.
-        count: How many.
+        splats: N gaussians; depths and slopes are read with `blending.pixel_order` alone.
+        result: Output; its width says how many gaussians a pixel has.
         blending: Cut-offs and order; features are not read.
     """
-    real = blending.real
-    values = wp.empty(0, dtype=types_of(real).vec3, device=bins.starts.device)
-    rows = wp.empty(0, dtype=share_row(blending), device=bins.starts.device)
-    _attribute(bins, width, height, [*splats, values], [*outputs, rows], count, False, blending)
+    real, device = blending.real, bins.starts.device
+    values = wp.empty(0, dtype=types_of(real).vec3, device=device)
+    rows = wp.empty(0, dtype=share_row(blending), device=device)
+    _attribute(bins, width, height, splats, values, result, rows, blending)
 
 
 def shares(
-    bins: Bins, width: int, height: int, splats: list, values: wp.array, outputs: list, blending: Blending
+    bins: Bins, width: int, height: int, splats: Splats, values: wp.array, result: Shares, blending: Blending
 ) -> None:
     """Sum up what each gaussian takes of the image.
 
     Args:
         bins, width, height, splats, blending: As in `strongest`.
         values: Three numbers per pixel, shape (H * W,), vec3.
-        outputs: Sum of weights (N,), sum of weights times values (N,) vec3, and number of pixels (N,) int.
-            0 for gaussians that no tile lists.
+        result: Output.
     """
     device, real = bins.starts.device, blending.real
-    ids, weights = wp.empty((0, 1), dtype=int, device=device), wp.empty((0, 1), dtype=real, device=device)
+    nothing = Strongest(
+        wp.empty((0, 0), dtype=int, device=device), wp.empty((0, 0), dtype=real, device=device)
+    )
     rows = wp.zeros(bins.pair_count, dtype=share_row(blending), device=device)
-    _attribute(bins, width, height, [*splats, values], [ids, weights, rows], 0, True, blending)
+    _attribute(bins, width, height, splats, values, nothing, rows, blending)
     launch(
-        share_kernel(blending), bins.first.shape[0] - 1, [bins.first, rows], outputs,
+        share_kernel(blending), bins.first.shape[0] - 1, [bins.first, rows], result,
         device=device, work=2,
     )  # fmt: skip
 
 
-def _attribute(bins, width, height, inputs, outputs, count: int, with_shares: bool, blending) -> None:
+def _attribute(
+    bins: Bins, width: int, height: int, splats: Splats, values: wp.array, result: Strongest, rows: wp.array,
+    blending: Blending,
+) -> None:  # fmt: skip
+    """Run the kernel for the strongest gaussians and, where there are values, the shares of all pairs."""
     device = bins.starts.device
-    lanes = lanes_of(device, blending)
+    lanes = lanes_for(device, blending)
+    count, with_shares = result.gaussians.shape[1], values.shape[0] > 0
     if blending.pixel_order:
         kernel = ordered_attribution_kernel(blending, lanes.region, count, with_shares)
     else:
         kernel = attribution_kernel(blending, lanes, count, with_shares)
     launch(
-        kernel, bins.columns * bins.rows * (TILE // lanes.region) ** 2,
-        [bins.columns, width, height, bins.starts, bins.gaussians, bins.emissions, *inputs], outputs,
+        kernel, bins.regions(lanes.region),
+        [
+            bins.columns, width, height, bins.starts, bins.gaussians, bins.emissions, splats.centers,
+            splats.extents, splats.factors, splats.opacities, splats.depths, splats.slopes, values,
+        ],
+        [*result, rows],
         device=device, work=100, uneven=True,
     )  # fmt: skip

@@ -1,7 +1,7 @@
 """Binning: which gaussians each tile blends, front to back.
 
-On CPU gaussians are sorted by depth and dealt to tiles (`dealing`); on CUDA every pair gets a key of tile and
-depth, and the keys are sorted (`keyed_pairs`). Both give the same lists.
+On CPU gaussians are sorted by depth and their pairs are scattered to the tiles (`pair_scatter`); on CUDA
+every pair gets a key of tile and depth, and the keys are sorted (`keyed_pairs`). Both give the same lists.
 
 Invariants
 - Equal depths keep the order of their indices.
@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from diga3d_warp.kernels.dealing import list_by_dealing
+from diga3d_warp.config import TILE
 from diga3d_warp.kernels.keyed_pairs import list_by_keys
+from diga3d_warp.kernels.pair_scatter import list_by_scatter
 from diga3d_warp.kernels.tiles import grid
 
 ROUNDING = 2.0**-22
@@ -42,6 +43,10 @@ class Bins:
     @property
     def pair_count(self) -> int:
         return self.gaussians.shape[0]
+
+    def regions(self, region: int) -> int:
+        """Number of squares of `region` px in all tiles, the indices of a compositing launch."""
+        return self.columns * self.rows * (TILE // region) ** 2
 
 
 def rounded_outwards(centers: wp.array, extents: wp.array) -> tuple[wp.array, wp.array]:
@@ -76,5 +81,5 @@ def bin_gaussians(centers: wp.array, depths: wp.array, extents: wp.array, width:
     """
     if depths.dtype == wp.float64:
         centers, extents = rounded_outwards(centers, extents)
-    listed = list_by_dealing if depths.device.is_cpu else list_by_keys
+    listed = list_by_scatter if depths.device.is_cpu else list_by_keys
     return Bins(*grid(width, height), *listed(centers, extents, depth_keys(depths), width, height))

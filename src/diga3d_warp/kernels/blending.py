@@ -1,11 +1,11 @@
 """What every compositing kernel shares: cut-offs, the opacity of a gaussian in a pixel, what is blended.
 
-A kernel is compiled for one `Blending`: what it does not ask for is not in the code.
+A kernel is compiled for one `Blending` and holds nothing that it does not ask for.
 
 Invariants
 - Forward and adjoint call the same `response`, `clipped` and `survives` in the same order, so they skip,
   clamp and stop at the same gaussians.
-- In float32 there is no `wp.exp` in a lane: it is a scalar library call. A polynomial stands for it.
+- In float32 there is no `wp.exp` in a lane: it is a scalar library call. A polynomial replaces it.
 """
 
 import math
@@ -128,9 +128,9 @@ class Rules(NamedTuple):
     """Warp functions that decide what a gaussian does to a pixel.
 
     Attributes:
-        unit: What a root is multiplied by for `response`.
-        response: (opacity, root in `unit`, dx, dy, extent) -> opacity times the gaussian at the offset from a
-            pixel to its centre.
+        unit: What a Cholesky factor is multiplied by for `response`.
+        response: (opacity, factor in `unit`, dx, dy, extent) -> opacity times the gaussian at the offset from
+            a pixel to its centre.
         clipped: (response) -> alpha: 0 below alpha_min, at most alpha_max.
         survives: (transmittance after it, live) -> live, or 0 if the gaussian would finish the pixel.
         features: (index, colors, depths, normals) -> what is blended, read at an index of three arrays.
@@ -153,7 +153,7 @@ def rules(blending: Blending) -> Rules:
     degree = blending.exp_degree
     library = blending.precision == "float64"
     # In this unit half the squared length of the offset is what the polynomial takes. With an odd number of
-    # squarings, as in all presets, it is a power of two, and no digit of a root is lost.
+    # squarings, as in all presets, it is a power of two, and no digit of a factor is lost.
     unit = math.sqrt(0.5 if library else 0.5 ** (squarings + 1))
     lowest = reach / 2**squarings
     boxed = blending.boxed
@@ -174,9 +174,9 @@ def rules(blending: Blending) -> Rules:
         return p
 
     @wp.func
-    def response(opacity: real, root: vec3, dx: real, dy: real, extent: vec2) -> real:
-        u = root[0] * dx + root[1] * dy
-        v = root[2] * dy
+    def response(opacity: real, factor: vec3, dx: real, dy: real, extent: vec2) -> real:
+        u = factor[0] * dx + factor[1] * dy
+        v = factor[2] * dy
         raw = opacity * falloff(-(u * u + v * v))
         if wp.static(boxed):
             raw = wp.where(wp.abs(dx) <= extent[0], raw, real(0.0))

@@ -6,8 +6,8 @@ Invariants
   adjoint that Warp derives for them is right everywhere, the optical axis included.
 - Pairs of numbers go in and out one by one: a 2-vector between functions is passed as one register, which
   keeps a loop over lanes from being vectorised.
-- A lens polynomial folds over at some radius: beyond it, far-off points come back into the image. Whoever
-  distorts must first cull points whose undistorted radius is not below `valid_radius`.
+- A lens polynomial folds over at some radius: beyond it, far-off points come back into the image. Before
+  distorting, cull points whose undistorted radius is not below `valid_radius`.
 - A pixel that no ray inside the valid radius reaches has a NaN ray; guards downstream are written so that NaN
   fails them.
 

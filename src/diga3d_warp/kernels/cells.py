@@ -16,7 +16,7 @@ if (sizeof(values.data[cell]) > 16)
     __builtin_prefetch((const char*)(&values.data[cell] + 1) - 1, {write});
 #endif
 """
-"""Asks for both ends of a larger cell, which may begin in one cache line and end in the next."""
+"""Prefetches both ends of a larger cell, which may span two cache lines."""
 
 
 class Cells(NamedTuple):
@@ -25,8 +25,8 @@ class Cells(NamedTuple):
     Attributes:
         read: (array, cell) -> value.
         write: (array, cell, value).
-        fetch: (array, cell): ask for the cell's cache line ahead of a read; nothing on CUDA.
-        claim: (array, cell): the same ahead of a write.
+        fetch: (array, cell): prefetch the cell for a read; nothing on CUDA.
+        claim: (array, cell): prefetch the cell for a write.
     """
 
     read: Any
@@ -63,9 +63,9 @@ return values;
 
 @cache
 def aligned_function(dtype: Any) -> Any:
-    """Warp function: a local array less one cell, begun so that no cell crosses a cache line.
+    """Warp function: a local array less one cell, shifted so that no cell crosses a cache line.
 
-    Warp puts local arrays anywhere; a vector that fills a line then costs two on every move.
+    Warp does not align local arrays; a vector as long as a cache line would then span two.
     """
 
     @wp.func_native(ALIGN)

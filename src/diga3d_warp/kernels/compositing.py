@@ -8,10 +8,10 @@ pixels in one loop over lanes, which the compiler turns into vector instructions
 Invariants
 - Lane loops are dynamic, without `break` or `continue`: lanes that are finished or skipped are masked with
   `wp.where`. Lane state is a vector copied out and back.
-- A finished pixel keeps its transmittance with a minus sign: whatever comes then leaves less than nothing,
-  and so does not survive.
-- A tile notes, one bit a block, where each listed gaussian changed a live pixel. The adjoint visits those
-  blocks alone. On CUDA, where a thread owns one pixel, nothing is noted.
+- A finished pixel keeps its transmittance with a minus sign: what follows would leave a negative one, and so
+  does not survive.
+- A tile records, one bit for each block, where a listed gaussian changed a live pixel. The adjoint visits
+  only those blocks. On CUDA, where a thread owns one pixel, nothing is recorded.
 - Colour, depth and normal are features alike: each is the sum of the same weights times its own number.
 """
 
@@ -19,29 +19,30 @@ from functools import cache
 
 import warp as wp
 
-from diga3d_warp.config import TILE
 from diga3d_warp.kernels import ordering
 from diga3d_warp.kernels.binning import Bins
 from diga3d_warp.kernels.blending import Blending, rules
 from diga3d_warp.kernels.cells import aligned_function, cells_of
-from diga3d_warp.kernels.lanes import (
+from diga3d_warp.kernels.launch import OPTIONS, launch
+from diga3d_warp.kernels.pixel_lanes import (
     AHEAD,
-    Lanes,
+    PixelLanes,
     fetch_function,
-    lanes_of,
+    lanes_for,
     lowest_bit,
     places_function,
     reached_function,
+    region_function,
 )
-from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.precision import types_of
+from diga3d_warp.kernels.splats import Images, Splats
 
 
 @cache
-def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
+def forward_kernel(blending: Blending, lanes: PixelLanes) -> wp.Kernel:
     """Blend the features that are asked for."""
     width, height, across = lanes.block_width, lanes.block_height, lanes.across
-    blocks, size, per_tile = lanes.blocks, lanes.size, lanes.per_tile
+    blocks, size = lanes.blocks, lanes.size
     notes = lanes.owns_tile
     real, count = blending.real, blending.features
     vec2, vec3, *_ = types_of(real)
@@ -49,7 +50,7 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
     read, write, *_ = cells_of(vec)
     unit, response, clipped, survives, features = rules(blending)
     aligned, places = aligned_function(vec), places_function(lanes, real)
-    reached = reached_function(blending, lanes)
+    region_of, reached = region_function(lanes.region), reached_function(blending, lanes)
     fetch = fetch_function(blending)
 
     @wp.kernel(module="unique", module_options=OPTIONS)
@@ -62,7 +63,7 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
         gaussians: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        roots: wp.array(dtype=vec3),
+        factors: wp.array(dtype=vec3),
         opacities: wp.array(dtype=real),
         colors: wp.array(dtype=vec3),
         depths: wp.array(dtype=real),
@@ -75,11 +76,7 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
         median_depth: wp.array(dtype=real),
         changes: wp.array(dtype=int),
     ):
-        index = wp.tid() + offset
-        tile = index // wp.static(per_tile * per_tile)
-        part = index % wp.static(per_tile * per_tile)
-        x0 = (tile % columns) * wp.static(TILE) + (part % wp.static(per_tile)) * wp.static(lanes.region)
-        y0 = (tile // columns) * wp.static(TILE) + (part // wp.static(per_tile)) * wp.static(lanes.region)
+        tile, x0, y0 = region_of(wp.tid() + offset, columns)
 
         T = aligned(wp.zeros(shape=wp.static(blocks + 1), dtype=vec))
         sums = aligned(wp.zeros(shape=wp.static(count * blocks + 1), dtype=vec))
@@ -101,19 +98,19 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
         last = starts[tile + 1] - 1
         upcoming = int(0)
         if start <= last:
-            upcoming = reached(gaussians[start], centers, extents, roots, x0, y0)
+            upcoming = reached(gaussians[start], centers, extents, factors, x0, y0)
         for j in range(start, last + 1):
             if live == 0:
                 break
             # Which blocks the next gaussian reaches is known before this one is blended: the loop below then
             # does not wait for it.
             remaining = live & upcoming
-            upcoming = reached(gaussians[wp.min(j + 1, last)], centers, extents, roots, x0, y0)
-            fetch(gaussians[wp.min(j + AHEAD, last)], centers, extents, roots, opacities, colors)
+            upcoming = reached(gaussians[wp.min(j + 1, last)], centers, extents, factors, x0, y0)
+            fetch(gaussians[wp.min(j + AHEAD, last)], centers, extents, factors, opacities, colors)
             i = gaussians[j]
             center = centers[i]
             extent = extents[i]
-            root = real(wp.static(unit)) * roots[i]
+            factor = real(wp.static(unit)) * factors[i]
             opacity = opacities[i]
             value = features(i, colors, depths, normals)
             gx = center[0] - real(x0) - real(0.5)
@@ -132,7 +129,7 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
                 for q in range(size):
                     dx = gx - x_b[q]
                     dy = gy - y_b[q]
-                    w = clipped(response(opacity, root, dx, dy, extent)) * T_b[q]
+                    w = clipped(response(opacity, factor, dx, dy, extent)) * T_b[q]
                     alive = survives(T_b[q] - w, 1)
                     left[q] = wp.where(alive > 0, T_b[q] - w, -wp.abs(T_b[q]))
                     weight[q] = wp.where(alive > 0, w, real(0.0))
@@ -184,37 +181,36 @@ def forward_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
 
 
 def composite(
-    bins: Bins, width: int, height: int, splats: list, outputs: list, blending: Blending
-) -> wp.array:
+    bins: Bins, width: int, height: int, splats: Splats, colors: wp.array, normals: wp.array, images: Images,
+    blending: Blending,
+) -> wp.array:  # fmt: skip
     """Blend a binned image.
 
     Args:
         bins: Pairs of this image.
         width, height: Image size [px].
-        splats: centers (N,) vec2, extents (N,) vec2, roots (N,) vec3, opacities (N,), colors (N,) vec3,
-            depths (N,), normals (N,) vec3, depth_slopes (N,) vec2. What nothing asks for may be empty:
-            depths, normals, and slopes, which `blending.pixel_order` alone reads.
-        outputs: image (H*W,) vec3, depth_sum (H*W,), transmittance (H*W,), normal_sum (H*W,) vec3,
-            median_depth (H*W,). What is not asked for is left alone and may be empty.
+        splats: N gaussians; slopes are read with `blending.pixel_order` alone.
+        colors, normals: shape (N,), vec3. Normals may be empty where `blending` does not ask for them.
+        images: Outputs. What is not asked for is left alone and may be empty.
         blending: What to compile.
 
     Returns:
-        What `composite_adjoint` wants to know: blocks that each pair changed, one bit each, shape (P,),
-        int32; empty on CUDA and with `pixel_order`.
+        Blocks that each pair changed, one bit each, shape (P,), int32, for `composite_adjoint`; empty on CUDA
+        and with `pixel_order`.
     """
     device = bins.starts.device
     if blending.pixel_order:
-        ordering.composite(bins, width, height, splats, outputs, blending)
+        ordering.composite(bins, width, height, splats, colors, normals, images, blending)
         return wp.zeros(0, dtype=int, device=device)
-    lanes = lanes_of(device, blending)
+    lanes = lanes_for(device, blending)
     changes = wp.zeros(bins.pair_count if lanes.owns_tile else 0, dtype=int, device=device)
     launch(
-        forward_kernel(blending, lanes),
-        bins.columns * bins.rows * lanes.per_tile**2,
-        [bins.columns, width, height, bins.starts, bins.gaussians, *splats[:7]],
-        [*outputs, changes],
-        device=device,
-        work=100,
-        uneven=True,
-    )
+        forward_kernel(blending, lanes), bins.regions(lanes.region),
+        [
+            bins.columns, width, height, bins.starts, bins.gaussians, splats.centers, splats.extents,
+            splats.factors, splats.opacities, colors, splats.depths, normals,
+        ],
+        [*images, changes],
+        device=device, work=100, uneven=True,
+    )  # fmt: skip
     return changes

@@ -1,7 +1,7 @@
 """Adjoint of compositing: gradients of the splats from those of colour, transmittance, depth and normal.
 
-Blocks, lanes and the order of gaussians are those of `compositing`; blocks that a gaussian did not change are
-not visited.
+Blocks, lanes and the order of gaussians are those of `compositing`. Blocks that a gaussian did not change are
+skipped.
 
 Invariants
 - It walks front to back like the forward pass, and keeps R, the part of the pixel's weighted sum that is
@@ -15,31 +15,33 @@ from functools import cache
 
 import warp as wp
 
-from diga3d_warp.config import SPLATTING, TILE
+from diga3d_warp.config import SPLATTING
 from diga3d_warp.kernels import ordering
 from diga3d_warp.kernels.binning import Bins
 from diga3d_warp.kernels.blending import Blending, rules
 from diga3d_warp.kernels.cells import aligned_function, cells_of
 from diga3d_warp.kernels.gradient_rows import GEOMETRY, gather, gradient_row
-from diga3d_warp.kernels.lanes import (
+from diga3d_warp.kernels.lanes import total_function
+from diga3d_warp.kernels.launch import OPTIONS, launch
+from diga3d_warp.kernels.pixel_lanes import (
     AHEAD,
-    Lanes,
+    PixelLanes,
     fetch_function,
-    lanes_of,
+    lanes_for,
     lowest_bit,
     places_function,
     reached_function,
-    total_function,
+    region_function,
 )
-from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.precision import types_of
+from diga3d_warp.kernels.splats import BlendGradients, Images, Splats
 
 
 @cache
-def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
+def adjoint_kernel(blending: Blending, lanes: PixelLanes) -> wp.Kernel:
     """Gradient rows of all pairs, from the gradients of the images."""
     width, height, across = lanes.block_width, lanes.block_height, lanes.across
-    blocks, size, per_tile = lanes.blocks, lanes.size, lanes.per_tile
+    blocks, size = lanes.blocks, lanes.size
     notes = lanes.owns_tile
     real, count = blending.real, blending.features
     alpha_max = SPLATTING.alpha_max
@@ -50,7 +52,7 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
     claim_row = cells_of(row_of).claim
     unit, response, clipped, survives, features = rules(blending)
     aligned, places = aligned_function(vec), places_function(lanes, real)
-    reached = reached_function(blending, lanes)
+    region_of, reached = region_function(lanes.region), reached_function(blending, lanes)
     fetch = fetch_function(blending)
     total = total_function(size, real)
 
@@ -65,7 +67,7 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
         emissions: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        roots: wp.array(dtype=vec3),
+        factors: wp.array(dtype=vec3),
         opacities: wp.array(dtype=real),
         colors: wp.array(dtype=vec3),
         depths: wp.array(dtype=real),
@@ -83,11 +85,7 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
         # outputs
         gradients: wp.array(dtype=row_of),
     ):
-        index = wp.tid() + offset
-        tile = index // wp.static(per_tile * per_tile)
-        part = index % wp.static(per_tile * per_tile)
-        x0 = (tile % columns) * wp.static(TILE) + (part % wp.static(per_tile)) * wp.static(lanes.region)
-        y0 = (tile // columns) * wp.static(TILE) + (part // wp.static(per_tile)) * wp.static(lanes.region)
+        tile, x0, y0 = region_of(wp.tid() + offset, columns)
 
         T = aligned(wp.zeros(shape=wp.static(blocks + 1), dtype=vec))
         R = aligned(wp.zeros(shape=wp.static(blocks + 1), dtype=vec))
@@ -126,19 +124,19 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
             remaining = inside
             if wp.static(notes):
                 ahead = wp.min(j + AHEAD, last)
-                fetch(gaussians[ahead], centers, extents, roots, opacities, colors)
+                fetch(gaussians[ahead], centers, extents, factors, opacities, colors)
                 claim_row(gradients, emissions[ahead])
                 remaining = changes[j]
             else:
-                remaining = inside & reached(i, centers, extents, roots, x0, y0)
+                remaining = inside & reached(i, centers, extents, factors, x0, y0)
             if remaining == 0:
                 if wp.static(notes):
                     gradients[emission] = row_of(real(0.0))
                 continue
             center = centers[i]
             extent = extents[i]
-            root = roots[i]
-            scaled = real(wp.static(unit)) * root
+            factor = factors[i]
+            scaled = real(wp.static(unit)) * factor
             opacity = opacities[i]
             value = features(i, colors, depths, normals)
             gx = center[0] - real(x0) - real(0.5)
@@ -204,12 +202,12 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
             # power = -(u^2 + v^2) / 2 with u = l11 dx + l21 dy, v = l22 dy, (dx, dy) = center - pixel; the
             # lanes' u are in `unit`.
             g_u = real(wp.static(-1.0 / unit)) * total(sum_u)
-            g_v = -root[2] * total(sum_y)
-            row[0] = root[0] * g_u
-            row[1] = root[1] * g_u + root[2] * g_v
+            g_v = -factor[2] * total(sum_y)
+            row[0] = factor[0] * g_u
+            row[1] = factor[1] * g_u + factor[2] * g_v
             row[2] = real(wp.static(-1.0 / unit)) * total(sum_ux)
             row[3] = real(wp.static(-1.0 / unit)) * total(sum_uy)
-            row[4] = -root[2] * total(sum_yy)
+            row[4] = -factor[2] * total(sum_yy)
             row[5] = total(sum_p) / opacity
             for k in range(count):
                 row[GEOMETRY + k] = total(read(sums, k))
@@ -224,44 +222,36 @@ def adjoint_kernel(blending: Blending, lanes: Lanes) -> wp.Kernel:
 
 
 def composite_adjoint(
-    bins: Bins, width: int, height: int, splats: list, outputs: list, changes: wp.array, adj_outputs: list,
-    adj_splats: list, blending: Blending,
+    bins: Bins, width: int, height: int, splats: Splats, colors: wp.array, normals: wp.array, images: Images,
+    changes: wp.array, adj_images: Images, gradients: BlendGradients, blending: Blending,
 ) -> None:  # fmt: skip
-    """Add the gradients of the splats, given those of the outputs of `composite`.
+    """Add the gradients of what was blended, given those of the images.
 
     Args:
-        bins, width, height, splats, outputs, blending: As in `composite`, after it ran. The median depth
-            itself is not read.
+        bins, width, height, splats, colors, normals, images, blending: As in `composite`, after it ran. The
+            median depth itself is not read.
         changes: What it returned.
-        adj_outputs: Gradients of the outputs.
-        adj_splats: Gradients of centers, roots, opacities, colors, depths and normals, added to.
+        adj_images: Gradients of the images.
+        gradients: Outputs, added to.
     """
     if blending.pixel_order:
-        ordering.composite_adjoint(bins, width, height, splats, outputs, adj_outputs, adj_splats, blending)
+        ordering.composite_adjoint(
+            bins, width, height, splats, colors, normals, images, adj_images, gradients, blending
+        )
         return
     device = bins.starts.device
-    lanes = lanes_of(device, blending)
+    lanes = lanes_for(device, blending)
     rows = (wp.empty if lanes.owns_tile else wp.zeros)(
         bins.pair_count, dtype=gradient_row(blending), device=device
     )
     launch(
-        adjoint_kernel(blending, lanes),
-        bins.columns * bins.rows * lanes.per_tile**2,
+        adjoint_kernel(blending, lanes), bins.regions(lanes.region),
         [
-            bins.columns,
-            width,
-            height,
-            bins.starts,
-            bins.gaussians,
-            bins.emissions,
-            *splats[:7],
-            *outputs[:4],
-            changes,
-            *adj_outputs,
+            bins.columns, width, height, bins.starts, bins.gaussians, bins.emissions, splats.centers,
+            splats.extents, splats.factors, splats.opacities, colors, splats.depths, normals, images.color,
+            images.depth_sum, images.transmittance, images.normal_sum, changes, *adj_images,
         ],
         [rows],
-        device=device,
-        work=100,
-        uneven=True,
-    )
-    gather(bins, rows, adj_splats, blending)
+        device=device, work=100, uneven=True,
+    )  # fmt: skip
+    gather(bins, rows, gradients, blending)

@@ -12,7 +12,7 @@ UNCOVERED = wp.constant(wp.int64(0x7FFFFFFFFFFFFFFF))
 
 @wp.func
 def key_of(depth: wp.float64, index: int):
-    """Key of a surface at a depth; `index` tells which one."""
+    """Key of surface `index` at a depth."""
     depth_bits = wp.int64(wp.cast(wp.float32(depth), wp.int32))
     return (depth_bits << wp.int64(32)) | wp.int64(index)
 

@@ -1,19 +1,19 @@
-"""Footprint: what a 3D gaussian becomes in the image (EWA, Zwicker et al. 2001; paper Sec. 3.1).
+"""Footprint of a 3D gaussian in the image (EWA, Zwicker et al. 2001; paper Sec. 3.1).
 
-One function of one gaussian; `projection` runs it, and the derivative that Warp finds for it, over all.
+A function of one gaussian; `projection` runs it, and the derivative that Warp finds for it, over all of them.
 
 Invariants
 - The projected covariance is the Gram matrix of rows a, b: those of J W R S, or of sigma points. So it is
   positive semi-definite in floating point too, and its determinant is a sum of squares:
   |a ^ b|^2 + e (|a|^2 + |b|^2) + e^2 with the low-pass e (Cauchy-Binet). The textbook a d - b^2 loses all
   digits on needles.
-- A splat goes out as `roots`, the Cholesky root L of its inverse covariance L L^T, lower triangular, as
-  (l11, l21, l22). No entry is a difference, and the exponent at an offset d, -|L^T d|^2 / 2, is never above
-  0; its rounding grows with the length of a needle, that of the inverse covariance with its square.
+- The output is the Cholesky factor L of the inverse covariance L L^T, lower triangular, as (l11, l21, l22).
+  No entry is a difference, and the exponent at an offset d, -|L^T d|^2 / 2, is never above 0. Its rounding
+  error grows with the length of a needle; that of the inverse covariance grows with the square.
 - Every guard is written positively, `x >= limit`, so that NaN fails it.
-- Gaussians lie side by side in vector lanes: nothing returns early. Of a gaussian that fails a guard the
-  numbers mean nothing, and may be NaN.
-- It is compiled for one `Projecting`: what it does not ask for is not in the code.
+- Gaussians are in SIMD lanes, so nothing returns early. The numbers of a gaussian that fails a guard are
+  meaningless, and may be NaN.
+- The code is compiled for one `Projecting` and holds nothing that it does not ask for.
 """
 
 from dataclasses import dataclass
@@ -109,12 +109,12 @@ class Footprint(NamedTuple):
 
     Attributes:
         splat: (mean, log_scale, quaternion, opacity_logit, pose, intrinsics, coefficients, lower, upper,
-            radius_max) -> center x, y; depth; root; opacity; depth slope x, y; variances (xx, yy, xy); seen,
-            which is 0 if a guard fails, else 1.
+            radius_max) -> center x, y; depth; factor; opacity; depth slope x, y; variances (xx, yy, xy);
+            seen, which is 0 if a guard fails, else 1.
         box: (opacity, variances) -> extent x, y. Carries no gradient.
-        weighted: The arguments of `splat`, then weights of center x, y, depth, root, opacity and depth slope
-            x, y -> the weighted sum. Its derivative pulls gradients of a splat back to the gaussian and the
-            camera.
+        weighted: The arguments of `splat`, then weights of center x, y, depth, factor, opacity and depth
+            slope x, y -> the weighted sum. Its derivative pulls gradients of a splat back to the gaussian and
+            the camera.
     """
 
     splat: Any
@@ -142,7 +142,7 @@ def footprint(kind: Projecting) -> Footprint:
     reach_guard = real(1e-6)  # more than the rounding of the logarithm before it
     root_half = real(0.5**0.5)
     circle_radius = real(_S.circle_radius)
-    circle_floor = real(0.1)  # under the root of 3DGS's larger eigenvalue [px^4]
+    circle_floor = real(0.1)  # under the square root of 3DGS's larger eigenvalue [px^4]
     near, coordinate_max, log_scale_max = real(_S.near), real(_S.coordinate_max), real(_S.log_scale_max)
     logit_min, quaternion_min = real(_S.logit_min), real(_S.quaternion_min)
     variance_max = real(_S.variance_max)
@@ -176,7 +176,7 @@ def footprint(kind: Projecting) -> Footprint:
         y = p[1] * inv_z
         seen = seen & wp.where(x * x + y * y < radius_max * radius_max, 1, 0)
 
-        # Jacobian of the pixel in camera coordinates, no further out than the margin.
+        # Jacobian of the pixel in camera coordinates, at a direction clamped to the margin.
         xj = clamp(x, lower[0], upper[0])
         yj = clamp(y, lower[1], upper[1])
         xx, xy, yy = distort_jacobian(xj, yj, coefficients)
@@ -235,11 +235,11 @@ def footprint(kind: Projecting) -> Footprint:
         var_y = bb + low_pass
         inv_var_y = one / var_y
         l11 = wp.sqrt(var_y * inv_det)
-        root = vec3(l11, -ab * inv_var_y * l11, wp.sqrt(inv_var_y))
+        factor = vec3(l11, -ab * inv_var_y * l11, wp.sqrt(inv_var_y))
 
         if wp.static(antialias):
             # The low-pass widens the splat; its opacity shrinks by the same ratio of areas. Below alpha_min
-            # it is culled here: the root of a number that can be zero has no slope.
+            # it is culled here: the square root of a number that can be zero has no slope.
             seen = seen & wp.where(opacity * opacity * area >= alpha_min_squared * det, 1, 0)
             opacity = opacity * wp.sqrt(area * inv_det)
 
@@ -256,11 +256,11 @@ def footprint(kind: Projecting) -> Footprint:
             along_z = wp.cw_mul(axes * vec3(pose[2, 0], pose[2, 1], pose[2, 2]), scales)
             with_u = wp.dot(a, along_z)
             with_v = wp.dot(b, along_z)
-            along_first = root[0] * with_u + root[1] * with_v
-            along_second = root[2] * with_v
-            slope_x = root[0] * along_first
-            slope_y = root[1] * along_first + root[2] * along_second
-        return center_x, center_y, p[2], root, opacity, slope_x, slope_y, vec3(var_x, var_y, ab), seen
+            along_first = factor[0] * with_u + factor[1] * with_v
+            along_second = factor[2] * with_v
+            slope_x = factor[0] * along_first
+            slope_y = factor[1] * along_first + factor[2] * along_second
+        return center_x, center_y, p[2], factor, opacity, slope_x, slope_y, vec3(var_x, var_y, ab), seen
 
     @wp.func
     def box(opacity: real, variances: vec3):
@@ -294,15 +294,15 @@ def footprint(kind: Projecting) -> Footprint:
         of_x: real,
         of_y: real,
         of_depth: real,
-        of_root: vec3,
+        of_factor: vec3,
         of_opacity: real,
         of_slope_x: real,
         of_slope_y: real,
     ) -> real:
-        center_x, center_y, depth, root, opacity, slope_x, slope_y, _variances, _seen = splat(
+        center_x, center_y, depth, factor, opacity, slope_x, slope_y, _variances, _seen = splat(
             mean, scale, q, logit, pose, f, coefficients, lower, upper, radius_max
         )
-        total = of_x * center_x + of_y * center_y + of_depth * depth + wp.dot(of_root, root)
+        total = of_x * center_x + of_y * center_y + of_depth * depth + wp.dot(of_factor, factor)
         total += of_opacity * opacity
         if wp.static(slopes):
             total += of_slope_x * slope_x + of_slope_y * slope_y

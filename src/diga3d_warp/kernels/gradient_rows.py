@@ -14,9 +14,10 @@ from diga3d_warp.kernels.binning import Bins
 from diga3d_warp.kernels.blending import Blending
 from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.precision import types_of
+from diga3d_warp.kernels.splats import BlendGradients
 
 GEOMETRY = 6
-"""Numbers of a gradient row before those of the features: centre (2), root (3), opacity."""
+"""Numbers of a gradient row before those of the features: centre (2), factor (3), opacity."""
 
 
 def gradient_row(blending: Blending) -> Any:
@@ -41,7 +42,7 @@ def gather_kernel(blending: Blending) -> wp.Kernel:
         gradients: wp.array(dtype=row_of),
         # outputs
         adj_centers: wp.array(dtype=vec2),
-        adj_roots: wp.array(dtype=vec3),
+        adj_factors: wp.array(dtype=vec3),
         adj_opacities: wp.array(dtype=real),
         adj_colors: wp.array(dtype=vec3),
         adj_depths: wp.array(dtype=real),
@@ -52,7 +53,7 @@ def gather_kernel(blending: Blending) -> wp.Kernel:
         for emission in range(first[i], first[i + 1]):
             row = row + gradients[emission]
         adj_centers[i] = adj_centers[i] + vec2(row[0], row[1])
-        adj_roots[i] = adj_roots[i] + vec3(row[2], row[3], row[4])
+        adj_factors[i] = adj_factors[i] + vec3(row[2], row[3], row[4])
         adj_opacities[i] = adj_opacities[i] + row[5]
         adj_colors[i] = adj_colors[i] + vec3(row[6], row[7], row[8])
         if wp.static(blending.depth):
@@ -67,9 +68,14 @@ def gather_kernel(blending: Blending) -> wp.Kernel:
     return gather_gradients
 
 
-def gather(bins: Bins, rows: wp.array, adj_splats: list, blending: Blending) -> None:
-    """Add all rows to the gradients of centers, roots, opacities, colors, depths and normals."""
+def gather(bins: Bins, rows: wp.array, gradients: BlendGradients, blending: Blending) -> None:
+    """Add all rows to the gradients of the gaussians that they belong to."""
     launch(
-        gather_kernel(blending), bins.first.shape[0] - 1, [bins.first, rows], adj_splats,
+        gather_kernel(blending), bins.first.shape[0] - 1,
+        [bins.first, rows],
+        [
+            gradients.centers, gradients.factors, gradients.opacities, gradients.colors, gradients.depths,
+            gradients.normals,
+        ],
         device=rows.device, work=2,
     )  # fmt: skip

@@ -15,10 +15,10 @@ import warp as wp
 
 from diga3d_warp.config import POSE_GROUP, SPLATTING
 from diga3d_warp.kernels.cells import aligned_function
-from diga3d_warp.kernels.columns import Columns, columns_for, moves_of, tables_of
+from diga3d_warp.kernels.gaussian_lanes import GaussianLanes, lanes_for, moves_of, tables_of
 from diga3d_warp.kernels.lanes import total_function
 from diga3d_warp.kernels.launch import OPTIONS, launch
-from diga3d_warp.kernels.precision import REALS, types_of
+from diga3d_warp.kernels.precision import REALS, precision_of, types_of
 
 C0 = 0.28209479177387814
 """sqrt(1 / (4 pi)): the constant harmonic. Basis constants as in Sloan, Efficient Spherical Harmonic
@@ -107,7 +107,7 @@ class Channels(NamedTuple):
 
 @cache
 def channels(degree: int, size: int, real: Any) -> Channels:
-    """The functions for one degree, `size` gaussians side by side."""
+    """The functions for one degree, `size` gaussians in lanes."""
     terms = (degree + 1) ** 2
     harmonics, vec = (wp.types.vector(length=length, dtype=real) for length in (terms, size))
     _, _, get, put = tables_of(3 * terms, size, real)
@@ -146,9 +146,9 @@ def channels(degree: int, size: int, real: Any) -> Channels:
 
 
 @cache
-def harmonics_kernel(degree: int, columns: Columns, precision: str = "float32") -> wp.Kernel:
+def harmonics_kernel(degree: int, lanes: GaussianLanes, precision: str = "float32") -> wp.Kernel:
     """The kernel for one degree."""
-    real, size, numbers = REALS[precision], columns.size, 3 * (degree + 1) ** 2
+    real, size, numbers = REALS[precision], lanes.size, 3 * (degree + 1) ** 2
     vec2, vec3 = types_of(real)[:2]
     vec = wp.types.vector(length=size, dtype=real)
     aligned = aligned_function(vec)
@@ -172,15 +172,15 @@ def harmonics_kernel(degree: int, columns: Columns, precision: str = "float32") 
         # outputs
         colors: wp.array(dtype=vec3),
     ):
-        begin = (wp.tid() + offset) * wp.static(columns.span)
-        end = wp.min(begin + wp.static(columns.span), count)
+        begin = (wp.tid() + offset) * wp.static(lanes.span)
+        end = wp.min(begin + wp.static(lanes.span), count)
         eye = eyes[begin // wp.static(POSE_GROUP)]
         table = aligned(wp.zeros(shape=wp.static(numbers + 1), dtype=vec))
         for first in range(begin, end, wp.static(size)):
-            lanes = wp.min(wp.static(size), end - first)
-            mean = load_vec3(means, first, lanes)
-            extent = load_vec2(extents, first, lanes)
-            load_table(sh, stride, first, lanes, table)
+            used = wp.min(wp.static(size), end - first)
+            mean = load_vec3(means, first, used)
+            extent = load_vec2(extents, first, used)
+            load_table(sh, stride, first, used, table)
             color = in_3()
             for t in range(size):
                 b = values(mean[0, t] - eye[0], mean[1, t] - eye[1], mean[2, t] - eye[2])
@@ -191,15 +191,15 @@ def harmonics_kernel(degree: int, columns: Columns, precision: str = "float32") 
                 color[0, t] = wp.where((drawn & wp.where(red > zero, 1, 0)) != 0, red, zero)
                 color[1, t] = wp.where((drawn & wp.where(green > zero, 1, 0)) != 0, green, zero)
                 color[2, t] = wp.where((drawn & wp.where(blue > zero, 1, 0)) != 0, blue, zero)
-            store_vec3(colors, first, lanes, color)
+            store_vec3(colors, first, used, color)
 
     return shade
 
 
 @cache
-def adjoint_kernel(degree: int, columns: Columns, precision: str = "float32") -> wp.Kernel:
+def adjoint_kernel(degree: int, lanes: GaussianLanes, precision: str = "float32") -> wp.Kernel:
     """The kernel that pulls gradients of the colours back."""
-    real, size, numbers = REALS[precision], columns.size, 3 * (degree + 1) ** 2
+    real, size, numbers = REALS[precision], lanes.size, 3 * (degree + 1) ** 2
     vec3 = types_of(real).vec3
     vec = wp.types.vector(length=size, dtype=real)
     aligned = aligned_function(vec)
@@ -227,19 +227,19 @@ def adjoint_kernel(degree: int, columns: Columns, precision: str = "float32") ->
         adj_sh: wp.array(dtype=real),
         adj_eyes: wp.array(dtype=vec3),
     ):
-        begin = (wp.tid() + offset) * wp.static(columns.span)
-        end = wp.min(begin + wp.static(columns.span), count)
+        begin = (wp.tid() + offset) * wp.static(lanes.span)
+        end = wp.min(begin + wp.static(lanes.span), count)
         group = begin // wp.static(POSE_GROUP)
         eye = eyes[group]
         of_eye = in_3()
         table = aligned(wp.zeros(shape=wp.static(numbers + 1), dtype=vec))
         result = aligned(wp.zeros(shape=wp.static(numbers + 1), dtype=vec))
         for first in range(begin, end, wp.static(size)):
-            lanes = wp.min(wp.static(size), end - first)
-            mean = load_vec3(means, first, lanes)
-            color = load_vec3(colors, first, lanes)
-            g = load_vec3(adj_colors, first, lanes)
-            load_table(sh, stride, first, lanes, table)
+            used = wp.min(wp.static(size), end - first)
+            mean = load_vec3(means, first, used)
+            color = load_vec3(colors, first, used)
+            g = load_vec3(adj_colors, first, used)
+            load_table(sh, stride, first, used, table)
             g_mean = in_3()
             for t in range(size):
                 red = wp.where(color[0, t] > zero, g[0, t], zero)
@@ -259,8 +259,8 @@ def adjoint_kernel(degree: int, columns: Columns, precision: str = "float32") ->
                 of_eye[1, t] -= wp.where(seen, g_y, zero)
                 of_eye[2, t] -= wp.where(seen, g_z, zero)
                 spread(result, b, red, green, blue, t)
-            store_table(adj_sh, stride, first, lanes, result)
-            store_vec3(adj_means, first, lanes, g_mean)
+            store_table(adj_sh, stride, first, used, result)
+            store_vec3(adj_means, first, used, g_mean)
         if adj_eyes:
             wp.atomic_add(adj_eyes, group, vec3(total(of_eye[0]), total(of_eye[1]), total(of_eye[2])))
 
@@ -268,27 +268,45 @@ def adjoint_kernel(degree: int, columns: Columns, precision: str = "float32") ->
 
 
 def shade(
-    degree: int, count: int, stride: int, inputs: list, outputs: list, *,
-    device: object, precision: str = "float32",
+    degree: int, means: wp.array, sh: wp.array, stride: int, eyes: wp.array, extents: wp.array,
+    colors: wp.array,
 ) -> None:  # fmt: skip
-    """Evaluate `count` colours, of `stride` coefficients each. Arguments as in the kernel."""
-    columns = columns_for(device, calls=precision == "float64")
+    """Evaluate the colours of N gaussians, in the precision of the arrays.
+
+    Args:
+        degree: Highest degree to evaluate.
+        means: shape (N,), vec3.
+        sh: Coefficients, shape (N * stride * 3,).
+        stride: Coefficients of a gaussian.
+        eyes: Camera centre, one equal row for each `POSE_GROUP` gaussians, shape (G,), vec3.
+        extents: From `projection`, shape (N,), vec2.
+        colors: Output, shape (N,), vec3.
+    """
+    count, device, precision = means.shape[0], means.device, precision_of(means)
+    lanes = lanes_for(device, calls=precision == "float64")
     launch(
-        harmonics_kernel(degree, columns, precision), -(-count // columns.span), [count, 3 * stride, *inputs],
-        outputs, device=device, work=columns.span,
+        harmonics_kernel(degree, lanes, precision), -(-count // lanes.span),
+        [count, 3 * stride, means, sh, eyes, extents], [colors],
+        device=device, work=lanes.span,
     )  # fmt: skip
 
 
 def shade_adjoint(
-    degree: int, count: int, stride: int, inputs: list, outputs: list, *,
-    device: object, precision: str = "float32",
+    degree: int, means: wp.array, sh: wp.array, stride: int, eyes: wp.array, colors: wp.array,
+    adj_colors: wp.array, adj_means: wp.array | None, adj_sh: wp.array | None, adj_eyes: wp.array | None,
 ) -> None:  # fmt: skip
     """Write the gradients of means and coefficients, and add those of eyes.
 
-    Arguments as in the kernel; None for what nobody wants.
+    Args:
+        degree, means, sh, stride, eyes: As in `shade`.
+        colors: What it wrote.
+        adj_colors: Their gradients.
+        adj_means, adj_sh, adj_eyes: Outputs; None for those that are not needed.
     """
-    columns = columns_for(device, calls=precision == "float64")
+    count, device, precision = means.shape[0], means.device, precision_of(means)
+    lanes = lanes_for(device, calls=precision == "float64")
     launch(
-        adjoint_kernel(degree, columns, precision), -(-count // columns.span), [count, 3 * stride, *inputs],
-        outputs, device=device, work=2 * columns.span,
+        adjoint_kernel(degree, lanes, precision), -(-count // lanes.span),
+        [count, 3 * stride, means, sh, eyes, colors, adj_colors], [adj_means, adj_sh, adj_eyes],
+        device=device, work=2 * lanes.span,
     )  # fmt: skip

@@ -1,6 +1,6 @@
 """Lists of gaussians by tile on CUDA: a key of tile and depth for each pair, and one sort of all keys.
 
-It runs on CPU too, where dealing is faster, so that tests without a GPU can compare the lists.
+It runs on CPU too, where the scatter is faster, so that tests without a GPU can compare the lists.
 
 Invariants
 - Keys are sorted stably from the order of emissions, so equal depths keep the order of their indices.
@@ -86,7 +86,8 @@ def name_pairs(
     gaussians: wp.array(dtype=int),
     emissions: wp.array(dtype=int),
 ):
-    """Tell whose each sorted pair is; where a tile's pairs begin, so do those of empty tiles before it."""
+    """Name the gaussian of each sorted pair, and the first pair of each tile. An empty tile begins where the
+    next tile does."""
     j = wp.tid() + offset
     emissions[j] = sources[j]
     gaussians[j] = emitters[sources[j]]

@@ -8,7 +8,7 @@ Invariants
   do not depend on the number of threads.
 - Any Python thread may launch, set the number of threads, or fork at any time: results stay the same.
 - No kernel here relies on NaN or infinity being absent: the floating-point flags allow fused
-  multiply-add and reordered sums, never `-ffast-math`, which would turn the guards against 0/0 into lies.
+  multiply-add and reordered sums, never `-ffast-math`, which would remove the guards against 0/0.
 """
 
 from __future__ import annotations
@@ -202,7 +202,7 @@ def _part(whole: wp.Launch, start: int, end: int) -> wp.Launch:
 
 
 def _share(parts: deque[wp.Launch]) -> None:
-    """Run all parts, each on the thread that is free first, this one among them."""
+    """Run all parts on all threads, the calling one included; each takes the next part when it is free."""
 
     def drain() -> None:
         while True:

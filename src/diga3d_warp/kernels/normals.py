@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from diga3d_warp.config import POSE_GROUP
-from diga3d_warp.kernels.columns import Columns, columns_for, moves_of
 from diga3d_warp.kernels.footprint import rotation_function
+from diga3d_warp.kernels.gaussian_lanes import GaussianLanes, lanes_for, moves_of
 from diga3d_warp.kernels.lanes import total_function
 from diga3d_warp.kernels.launch import OPTIONS, launch
-from diga3d_warp.kernels.precision import REALS, types_of
+from diga3d_warp.kernels.precision import REALS, precision_of, types_of
 
 
 class Facing(NamedTuple):
@@ -68,9 +68,9 @@ def facing(real: Any) -> Facing:
 
 
 @cache
-def normals_kernel(columns: Columns, precision: str = "float32") -> wp.Kernel:
+def normals_kernel(lanes: GaussianLanes, precision: str = "float32") -> wp.Kernel:
     """The kernel for one precision."""
-    real, size = REALS[precision], columns.size
+    real, size = REALS[precision], lanes.size
     vec2, vec3, vec4, _, _, mat44 = types_of(real)
     pairs, triples, quadruples = (moves_of(dtype, size) for dtype in (vec2, vec3, vec4))
     load_vec2, load_vec3, load_vec4, store_vec3 = pairs.load, triples.load, quadruples.load, triples.store
@@ -90,15 +90,15 @@ def normals_kernel(columns: Columns, precision: str = "float32") -> wp.Kernel:
         # outputs
         normals: wp.array(dtype=vec3),
     ):
-        begin = (wp.tid() + offset) * wp.static(columns.span)
-        end = wp.min(begin + wp.static(columns.span), count)
+        begin = (wp.tid() + offset) * wp.static(lanes.span)
+        end = wp.min(begin + wp.static(lanes.span), count)
         pose = poses[begin // wp.static(POSE_GROUP)]
         for first in range(begin, end, wp.static(size)):
-            lanes = wp.min(wp.static(size), end - first)
-            mean = load_vec3(means, first, lanes)
-            scale = load_vec3(log_scales, first, lanes)
-            q = load_vec4(quaternions, first, lanes)
-            extent = load_vec2(extents, first, lanes)
+            used = wp.min(wp.static(size), end - first)
+            mean = load_vec3(means, first, used)
+            scale = load_vec3(log_scales, first, used)
+            q = load_vec4(quaternions, first, used)
+            extent = load_vec2(extents, first, used)
             normal = in_3()
             for t in range(size):
                 x, y, z = normal_of(
@@ -107,19 +107,19 @@ def normals_kernel(columns: Columns, precision: str = "float32") -> wp.Kernel:
                     vec4(q[0, t], q[1, t], q[2, t], q[3, t]),
                     pose,
                 )
-                shown = extent[0, t] > zero
-                normal[0, t] = wp.where(shown, x, zero)
-                normal[1, t] = wp.where(shown, y, zero)
-                normal[2, t] = wp.where(shown, z, zero)
-            store_vec3(normals, first, lanes, normal)
+                visible = extent[0, t] > zero
+                normal[0, t] = wp.where(visible, x, zero)
+                normal[1, t] = wp.where(visible, y, zero)
+                normal[2, t] = wp.where(visible, z, zero)
+            store_vec3(normals, first, used, normal)
 
     return orient
 
 
 @cache
-def adjoint_kernel(columns: Columns, precision: str = "float32") -> wp.Kernel:
+def adjoint_kernel(lanes: GaussianLanes, precision: str = "float32") -> wp.Kernel:
     """The kernel that pulls gradients of the normals back."""
-    real, size = REALS[precision], columns.size
+    real, size = REALS[precision], lanes.size
     vec2, vec3, vec4, _, _, mat44 = types_of(real)
     pairs, triples, quadruples = (moves_of(dtype, size) for dtype in (vec2, vec3, vec4))
     load_vec2, load_vec3, load_vec4, store_vec4 = pairs.load, triples.load, quadruples.load, quadruples.store
@@ -143,18 +143,18 @@ def adjoint_kernel(columns: Columns, precision: str = "float32") -> wp.Kernel:
         adj_quaternions: wp.array(dtype=vec4),
         adj_poses: wp.array(dtype=mat44),
     ):
-        begin = (wp.tid() + offset) * wp.static(columns.span)
-        end = wp.min(begin + wp.static(columns.span), count)
+        begin = (wp.tid() + offset) * wp.static(lanes.span)
+        end = wp.min(begin + wp.static(lanes.span), count)
         group = begin // wp.static(POSE_GROUP)
         pose = poses[group]
         of_pose = rotation()
         for first in range(begin, end, wp.static(size)):
-            lanes = wp.min(wp.static(size), end - first)
-            mean = load_vec3(means, first, lanes)
-            scale = load_vec3(log_scales, first, lanes)
-            q = load_vec4(quaternions, first, lanes)
-            extent = load_vec2(extents, first, lanes)
-            g = load_vec3(adj_normals, first, lanes)
+            used = wp.min(wp.static(size), end - first)
+            mean = load_vec3(means, first, used)
+            scale = load_vec3(log_scales, first, used)
+            q = load_vec4(quaternions, first, used)
+            extent = load_vec2(extents, first, used)
+            g = load_vec3(adj_normals, first, used)
             g_q = in_4()
             for t in range(size):
                 _mean, _scale, d_q, d_pose, _x, _y, _z = pulled(
@@ -166,21 +166,21 @@ def adjoint_kernel(columns: Columns, precision: str = "float32") -> wp.Kernel:
                     g[1, t],
                     g[2, t],
                 )
-                shown = extent[0, t] > zero
-                g_q[0, t] = wp.where(shown, d_q[0], zero)
-                g_q[1, t] = wp.where(shown, d_q[1], zero)
-                g_q[2, t] = wp.where(shown, d_q[2], zero)
-                g_q[3, t] = wp.where(shown, d_q[3], zero)
-                of_pose[0, t] += wp.where(shown, d_pose[0, 0], zero)
-                of_pose[1, t] += wp.where(shown, d_pose[0, 1], zero)
-                of_pose[2, t] += wp.where(shown, d_pose[0, 2], zero)
-                of_pose[3, t] += wp.where(shown, d_pose[1, 0], zero)
-                of_pose[4, t] += wp.where(shown, d_pose[1, 1], zero)
-                of_pose[5, t] += wp.where(shown, d_pose[1, 2], zero)
-                of_pose[6, t] += wp.where(shown, d_pose[2, 0], zero)
-                of_pose[7, t] += wp.where(shown, d_pose[2, 1], zero)
-                of_pose[8, t] += wp.where(shown, d_pose[2, 2], zero)
-            store_vec4(adj_quaternions, first, lanes, g_q)
+                visible = extent[0, t] > zero
+                g_q[0, t] = wp.where(visible, d_q[0], zero)
+                g_q[1, t] = wp.where(visible, d_q[1], zero)
+                g_q[2, t] = wp.where(visible, d_q[2], zero)
+                g_q[3, t] = wp.where(visible, d_q[3], zero)
+                of_pose[0, t] += wp.where(visible, d_pose[0, 0], zero)
+                of_pose[1, t] += wp.where(visible, d_pose[0, 1], zero)
+                of_pose[2, t] += wp.where(visible, d_pose[0, 2], zero)
+                of_pose[3, t] += wp.where(visible, d_pose[1, 0], zero)
+                of_pose[4, t] += wp.where(visible, d_pose[1, 1], zero)
+                of_pose[5, t] += wp.where(visible, d_pose[1, 2], zero)
+                of_pose[6, t] += wp.where(visible, d_pose[2, 0], zero)
+                of_pose[7, t] += wp.where(visible, d_pose[2, 1], zero)
+                of_pose[8, t] += wp.where(visible, d_pose[2, 2], zero)
+            store_vec4(adj_quaternions, first, used, g_q)
         g_pose = mat44(zero)
         for c in range(3):
             g_pose[0, wp.static(c)] = total(of_pose[wp.static(c)])
@@ -192,24 +192,41 @@ def adjoint_kernel(columns: Columns, precision: str = "float32") -> wp.Kernel:
     return orient_adjoint
 
 
-def orient(count: int, inputs: list, outputs: list, *, device: object, precision: str = "float32") -> None:
-    """Normals of `count` gaussians. Arguments as in the kernel."""
-    columns = columns_for(device, calls=precision == "float64")
+def orient(
+    means: wp.array, log_scales: wp.array, quaternions: wp.array, poses: wp.array, extents: wp.array,
+    normals: wp.array,
+) -> None:  # fmt: skip
+    """Find the normals of N gaussians, in the precision of the arrays.
+
+    Args:
+        means, log_scales, quaternions, poses: As in `projection.Parameters`.
+        extents: From `projection`, shape (N,), vec2.
+        normals: Output, shape (N,), vec3.
+    """
+    count, device, precision = means.shape[0], means.device, precision_of(means)
+    lanes = lanes_for(device, calls=precision == "float64")
     launch(
-        normals_kernel(columns, precision), -(-count // columns.span), [count, *inputs], outputs,
-        device=device, work=columns.span,
+        normals_kernel(lanes, precision), -(-count // lanes.span),
+        [count, means, log_scales, quaternions, poses, extents], [normals],
+        device=device, work=lanes.span,
     )  # fmt: skip
 
 
 def orient_adjoint(
-    count: int, inputs: list, outputs: list, *, device: object, precision: str = "float32"
-) -> None:
+    means: wp.array, log_scales: wp.array, quaternions: wp.array, poses: wp.array, extents: wp.array,
+    adj_normals: wp.array, adj_quaternions: wp.array | None, adj_poses: wp.array | None,
+) -> None:  # fmt: skip
     """Write the gradients of quaternions, and add those of poses.
 
-    Arguments as in the kernel; None for what nobody wants.
+    Args:
+        means, log_scales, quaternions, poses, extents: As in `orient`.
+        adj_normals: Gradients of the normals.
+        adj_quaternions, adj_poses: Outputs; None for those that are not needed.
     """
-    columns = columns_for(device, calls=precision == "float64")
+    count, device, precision = means.shape[0], means.device, precision_of(means)
+    lanes = lanes_for(device, calls=precision == "float64")
     launch(
-        adjoint_kernel(columns, precision), -(-count // columns.span), [count, *inputs], outputs,
-        device=device, work=columns.span,
+        adjoint_kernel(lanes, precision), -(-count // lanes.span),
+        [count, means, log_scales, quaternions, poses, extents, adj_normals], [adj_quaternions, adj_poses],
+        device=device, work=lanes.span,
     )  # fmt: skip

@@ -29,7 +29,9 @@ from diga3d_warp.kernels.binning import Bins
 from diga3d_warp.kernels.blending import Blending, rules
 from diga3d_warp.kernels.gradient_rows import GEOMETRY, gather, gradient_row
 from diga3d_warp.kernels.launch import OPTIONS, launch
+from diga3d_warp.kernels.pixel_lanes import region_function
 from diga3d_warp.kernels.precision import types_of
+from diga3d_warp.kernels.splats import BlendGradients, Images, Splats
 
 WINDOW = 16
 """Gaussians of one round. Opaque scenes finish most pixels in one or two; a larger one costs moves."""
@@ -55,7 +57,7 @@ def nearest_function(blending: Blending) -> Any:
         gaussians: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        roots: wp.array(dtype=vec3),
+        factors: wp.array(dtype=vec3),
         opacities: wp.array(dtype=real),
         depths: wp.array(dtype=real),
         slopes: wp.array(dtype=vec2),
@@ -75,8 +77,8 @@ def nearest_function(blending: Blending) -> Any:
                 z = depths[i] - wp.dot(slopes[i], offset)
                 follows = z > last_depth or (z == last_depth and j > last_pair)
                 if follows and (held < WINDOW or z < zs[WINDOW - 1]):
-                    root = real(wp.static(unit)) * roots[i]
-                    raw = response(opacities[i], root, offset[0], offset[1], extent)
+                    factor = real(wp.static(unit)) * factors[i]
+                    raw = response(opacities[i], factor, offset[0], offset[1], extent)
                     if clipped(raw) > real(0.0):
                         held = wp.min(held + 1, WINDOW)
                         at = held - 1
@@ -95,7 +97,7 @@ def nearest_function(blending: Blending) -> Any:
 
 @cache
 def ordered_kernel(blending: Blending) -> wp.Kernel:
-    """Blend the features that are asked for; one index a pixel."""
+    """Blend the features that are asked for; one index for each pixel."""
     real = blending.real
     vec2, vec3, *_ = types_of(real)
     values = wp.types.vector(length=blending.features, dtype=real)
@@ -111,7 +113,7 @@ def ordered_kernel(blending: Blending) -> wp.Kernel:
         gaussians: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        roots: wp.array(dtype=vec3),
+        factors: wp.array(dtype=vec3),
         opacities: wp.array(dtype=real),
         colors: wp.array(dtype=vec3),
         depths: wp.array(dtype=real),
@@ -137,7 +139,7 @@ def ordered_kernel(blending: Blending) -> wp.Kernel:
         live = int(1)
         while live != 0:
             js, zs, raws = nearest(
-                starts[tile], starts[tile + 1], gaussians, centers, extents, roots, opacities, depths,
+                starts[tile], starts[tile + 1], gaussians, centers, extents, factors, opacities, depths,
                 slopes, pixel, last_depth, last_pair,
             )  # fmt: skip
             last_depth = zs[WINDOW - 1]
@@ -174,14 +176,13 @@ def ordered_kernel(blending: Blending) -> wp.Kernel:
 
 @cache
 def ordered_adjoint_kernel(blending: Blending, region: int) -> wp.Kernel:
-    """Gradient rows of all pairs; one index a square of `region` px, a tile on CPU and a pixel on CUDA."""
+    """Gradient rows of all pairs; an index for each square of `region` px, a tile on CPU, a pixel on CUDA."""
     real = blending.real
     vec2, vec3, *_ = types_of(real)
     row_of = gradient_row(blending)
     _, _, clipped, survives, features = rules(blending)
     nearest = nearest_function(blending)
-    count = blending.features
-    per_tile = TILE // region
+    region_of, count = region_function(region), blending.features
     alpha_max = SPLATTING.alpha_max
 
     @wp.kernel(module="unique", module_options=OPTIONS)
@@ -195,7 +196,7 @@ def ordered_adjoint_kernel(blending: Blending, region: int) -> wp.Kernel:
         emissions: wp.array(dtype=int),
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        roots: wp.array(dtype=vec3),
+        factors: wp.array(dtype=vec3),
         opacities: wp.array(dtype=real),
         colors: wp.array(dtype=vec3),
         depths: wp.array(dtype=real),
@@ -213,11 +214,7 @@ def ordered_adjoint_kernel(blending: Blending, region: int) -> wp.Kernel:
         # outputs
         gradients: wp.array(dtype=row_of),
     ):
-        thread = wp.tid() + offset
-        tile = thread // wp.static(per_tile * per_tile)
-        part = thread % wp.static(per_tile * per_tile)
-        x0 = (tile % columns) * TILE + (part % per_tile) * region
-        y0 = (tile // columns) * TILE + (part // per_tile) * region
+        tile, x0, y0 = region_of(wp.tid() + offset, columns)
         for q in range(wp.static(region * region)):
             x = x0 + q % region
             y = y0 + q // region
@@ -235,7 +232,7 @@ def ordered_adjoint_kernel(blending: Blending, region: int) -> wp.Kernel:
                 pixel = vec2(real(x) + real(0.5), real(y) + real(0.5))
                 while live != 0:
                     js, zs, raws = nearest(
-                        starts[tile], starts[tile + 1], gaussians, centers, extents, roots, opacities,
+                        starts[tile], starts[tile + 1], gaussians, centers, extents, factors, opacities,
                         depths, slopes, pixel, last_depth, last_pair,
                     )  # fmt: skip
                     last_depth = zs[WINDOW - 1]
@@ -257,12 +254,12 @@ def ordered_adjoint_kernel(blending: Blending, region: int) -> wp.Kernel:
                                     if raw >= real(wp.static(alpha_max)):
                                         g_power = real(0.0)
                                     d = centers[i] - pixel
-                                    root = roots[i]
-                                    g_u = -g_power * (root[0] * d[0] + root[1] * d[1])
-                                    g_v = -g_power * (root[2] * d[1])
+                                    factor = factors[i]
+                                    g_u = -g_power * (factor[0] * d[0] + factor[1] * d[1])
+                                    g_v = -g_power * (factor[2] * d[1])
                                     row = row_of(real(0.0))
-                                    row[0] = root[0] * g_u
-                                    row[1] = root[1] * g_u + root[2] * g_v
+                                    row[0] = factor[0] * g_u
+                                    row[1] = factor[1] * g_u + factor[2] * g_v
                                     row[2] = g_u * d[0]
                                     row[3] = g_u * d[1]
                                     row[4] = g_v * d[1]
@@ -278,29 +275,37 @@ def ordered_adjoint_kernel(blending: Blending, region: int) -> wp.Kernel:
     return composite_ordered_adjoint
 
 
-def composite(bins: Bins, width: int, height: int, splats: list, outputs: list, blending: Blending) -> None:
+def composite(
+    bins: Bins, width: int, height: int, splats: Splats, colors: wp.array, normals: wp.array, images: Images,
+    blending: Blending,
+) -> None:  # fmt: skip
     """Blend a binned image, each pixel in its own order. Arguments as in `compositing.composite`."""
     launch(
         ordered_kernel(blending), width * height,
-        [bins.columns, width, bins.starts, bins.gaussians, *splats], outputs,
+        [
+            bins.columns, width, bins.starts, bins.gaussians, splats.centers, splats.extents, splats.factors,
+            splats.opacities, colors, splats.depths, normals, splats.slopes,
+        ],
+        images,
         device=bins.starts.device, work=50, uneven=True,
     )  # fmt: skip
 
 
 def composite_adjoint(
-    bins: Bins, width: int, height: int, splats: list, outputs: list, adj_outputs: list, adj_splats: list,
-    blending: Blending,
+    bins: Bins, width: int, height: int, splats: Splats, colors: wp.array, normals: wp.array, images: Images,
+    adj_images: Images, gradients: BlendGradients, blending: Blending,
 ) -> None:  # fmt: skip
-    """Add the gradients of the splats. Arguments as in `compositing_adjoint.composite_adjoint`."""
+    """Add the gradients. Arguments as in `compositing_adjoint.composite_adjoint`."""
     device = bins.starts.device
     region = TILE if device.is_cpu else 1
     rows = wp.zeros(bins.pair_count, dtype=gradient_row(blending), device=device)
     launch(
-        ordered_adjoint_kernel(blending, region), bins.columns * bins.rows * (TILE // region) ** 2,
+        ordered_adjoint_kernel(blending, region), bins.regions(region),
         [
-            bins.columns, width, height, bins.starts, bins.gaussians, bins.emissions, *splats, *outputs[:4],
-            *adj_outputs,
+            bins.columns, width, height, bins.starts, bins.gaussians, bins.emissions, splats.centers,
+            splats.extents, splats.factors, splats.opacities, colors, splats.depths, normals, splats.slopes,
+            images.color, images.depth_sum, images.transmittance, images.normal_sum, *adj_images,
         ],
         [rows], device=device, work=100, uneven=True,
     )  # fmt: skip
-    gather(bins, rows, adj_splats, blending)
+    gather(bins, rows, gradients, blending)

@@ -1,8 +1,8 @@
 """Compiler flags for the processor that kernels run on.
 
-Warp hands the flags to Clang's frontend, on every system and architecture; only `-march=native`, which stands
-for this machine's processor, is Warp's own. A flag that is of use on one architecture alone is left out on
-the others.
+Warp passes the flags to Clang's frontend, on every system and architecture; only `-march=native` it replaces
+by the features of this machine's processor. A flag that helps on one architecture only is left out on the
+others.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""DIBR: carry an image along its depth into another camera (paper Eq. 5), with a z-buffer.
+"""DIBR: warp an image by its depth into another camera (paper Eq. 5), with a z-buffer.
 
 Here every source pixel gets its place in the target; `mesh` or `points` then draw. A mesh has no cracks where
-the target is nearer and carries a plane by its exact homography; points are cheaper.
+the target is nearer and maps a plane by its exact homography; points are cheaper.
 
 Invariants
 - Positions are float64 inside: the same camera gives the image back to float32 precision, and the order of
@@ -27,12 +27,12 @@ from diga3d_warp.kernels.launch import DIFFERENTIABLE, OPTIONS, launch
 
 @dataclass(frozen=True)
 class ReprojectionLimits:
-    """What is carried and what is not.
+    """Which pixels are warped.
 
     Attributes:
         depth_step: A neighbour nearer by more than this share of its own depth is another surface [ratio]. A
             surface whose normal is 87 degrees off the ray has steps of 0.05 at a focal length of 400 px: at
-            such an angle it carries no texture.
+            such an angle it has no texture.
         depth_min, depth_max: Range of usable depths [scene units]; squares and reciprocals of these are
             still numbers.
         approach: Smallest ratio of the depth in the target to the depth in the source. Nearer points, and
@@ -84,7 +84,7 @@ def placement(lens_kind: str) -> Any:
 
 @cache
 def position_kernel(lens_kind: str, scalar: Any = wp.float32) -> wp.Kernel:
-    """Kernel over source pixels: where each lies in the target camera, as (column, row, depth) or NaN.
+    """Kernel over source pixels: the position of each in the target camera, as (column, row, depth) or NaN.
 
     Args:
         lens_kind: Lens of the target.
@@ -178,7 +178,7 @@ class Motion:
 def reproject(
     image: wp.array, depth: wp.array, motion: Motion, outputs: list[wp.array], sampling: str = "bilinear"
 ) -> tuple[wp.array, wp.array]:
-    """Carry an image into the target camera.
+    """Warp an image into the target camera.
 
     To put it on a `wp.Tape`, follow the call with
     `tape.record_func(lambda: reproject_adjoint(...), [image, depth])`.

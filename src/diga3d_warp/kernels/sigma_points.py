@@ -1,7 +1,7 @@
-"""Sigma points: how a gaussian spreads in the image when it goes through the whole camera, not its Jacobian.
+"""Sigma points: the footprint of a gaussian by the full camera model in place of its Jacobian.
 
 Along each axis of the gaussian two points at plus and minus h = sqrt(3) standard deviations go through
-perspective and lens; the parabola through them and the centre stands for the camera along that axis. Its
+perspective and lens; the parabola through them and the centre approximates the camera along that axis. Its
 moments under the gaussian are exact: the odd part o of the two displacements adds o o^T / 3 to the
 covariance, the even part e adds 2 e e^T / 9 and moves the mean by e / 3. Along one axis these are the moments
 of the unscented transform (Julier and Uhlmann 1997), along all three those of second-order divided
@@ -11,7 +11,7 @@ Invariants
 - The covariance is a Gram matrix of such parts, so it is positive semi-definite; the unscented transform
   subtracts products of different axes' even parts.
 - No sigma point comes nearer than a part of the centre's depth: h shrinks instead, continuously. The odd part
-  then stays a slope, o / h; of the even part only what was seen counts, not what the parabola would go on to.
+  then stays a slope, o / h; the even part is not extrapolated.
 - A sigma point beyond the range of the lens turns its axis linear, as in the affine footprint.
 - On a pinhole camera displacements are formed without subtracting pixel positions, so they keep all digits.
 """

@@ -1,7 +1,7 @@
-"""The renderer on a `wp.Tape`: the same operations for Warp programs that do without torch.
+"""The renderer on a `wp.Tape`: the same operations for Warp programs without torch.
 
-Each function runs forward at once and puts its adjoint on the tape, among whatever kernels the caller
-records there himself:
+Each function runs forward at once and records its adjoint on the tape, together with the kernels that the
+caller records:
 
     with wp.Tape() as tape:
         splats = project(tape, lens, means, log_scales, quaternions, opacity_logits, poses, intrinsics)
@@ -11,17 +11,15 @@ records there himself:
     tape.backward(loss)
 
 Invariants
-- Adjoints add to `.grad` of the inputs that have one; the others cost their gradient but keep none.
-- Adjoints use up `.grad` of their outputs, as recorded kernels do: a second backward pass starts afresh.
-- Launches inside are spread over threads and never recorded themselves.
+- Adjoints add to `.grad` of the inputs that have one. For the others a gradient is computed and dropped.
+- Adjoints clear `.grad` of their outputs, as recorded kernels do, so that a second backward pass is right.
+- Launches inside use all threads and are not recorded themselves.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import warp as wp
 
@@ -37,59 +35,12 @@ from diga3d_warp.kernels import normals as facing
 from diga3d_warp.kernels import ssim as similarity
 from diga3d_warp.kernels.binning import bin_gaussians
 from diga3d_warp.kernels.blending import Blending
-from diga3d_warp.kernels.cameras import lens_model
 from diga3d_warp.kernels.footprint import Projecting
-from diga3d_warp.kernels.precision import precision_of, types_of
+from diga3d_warp.kernels.precision import types_of
+from diga3d_warp.kernels.projection import Lens, Parameters
+from diga3d_warp.kernels.splats import BlendGradients, Images, Splats
 
 STANDARD = Blending()
-
-
-@dataclass(frozen=True)
-class Lens:
-    """Lens and field of view of a camera, as the projection kernel takes them.
-
-    Attributes:
-        kind: "none", "brown", "brown5" or "fisheye".
-        coefficients: Lens coefficients, zeros for a pinhole.
-        lower, upper: Undistorted (x/z, y/z) beyond which the EWA Jacobian is not followed.
-        radius_max: Undistorted radius below which the lens is one to one [focal lengths]; at most 1e6.
-        width, height: Image size [px]; gaussians that lie outside are culled.
-    """
-
-    kind: str
-    coefficients: Sequence[float]
-    lower: wp.vec2
-    upper: wp.vec2
-    radius_max: float
-    width: int
-    height: int
-
-
-class Splats(NamedTuple):
-    """Gaussians in the image plane, zeros where culled; see `splatting.project.Projection`.
-
-    `depth_slopes` is None where nothing asks for them.
-    """
-
-    centers: wp.array
-    depths: wp.array
-    roots: wp.array
-    extents: wp.array
-    opacities: wp.array
-    depth_slopes: wp.array | None = None
-
-
-class Images(NamedTuple):
-    """Blended images, shape (H * W,) each; those not asked for are zero or empty.
-
-    See `splatting.composite.Composite`.
-    """
-
-    color: wp.array
-    depth_sum: wp.array
-    transmittance: wp.array
-    normal_sum: wp.array
-    median_depth: wp.array
 
 
 def project(
@@ -110,29 +61,28 @@ def project(
         poses: World to camera, one equal row for each `POSE_GROUP` gaussians, shape (G,), mat44. The gradient
             of the pose is the sum of the rows'.
         intrinsics: (fx, fy, cx, cy) [px], rows likewise, shape (G,), vec4. Carries gradient as the poses do.
-        accuracy, effects: As in `splatting.project.project`; `effects.lens` is not read, `lens` tells.
+        accuracy, effects: As in `splatting.project.project`; `lens` decides in place of `effects.lens`.
     """
     device, count = means.device, means.size
-    kind = Projecting.of(lens.kind, accuracy, effects)
-    types = types_of(kind.real)
-    arrays = [means, log_scales, quaternions, opacity_logits, poses, intrinsics]
-    vector = lens_model(lens.kind, kind.real).vector
-    optics = [vector(*lens.coefficients), types.vec2(*lens.lower), types.vec2(*lens.upper)]
-    dtypes = [types.vec2, kind.real, types.vec3, types.vec2, kind.real]
+    kind = Projecting.of(lens.lens_kind, accuracy, effects)
+    parameters = Parameters(means, log_scales, quaternions, opacity_logits, poses, intrinsics)
+    vec2, vec3, *_ = types_of(kind.real)
+    dtypes = [vec2, kind.real, vec3, vec2, kind.real]
     if kind.slopes:
-        dtypes.append(types.vec2)
+        dtypes.append(vec2)
     splats = Splats(*(wp.zeros(count, dtype=dtype, device=device, requires_grad=True) for dtype in dtypes))
-    inputs = [*arrays, *optics, lens.radius_max]
-    projection.project(kind, count, inputs, lens.width, lens.height, list(splats), device=device)
+    projection.project(kind, parameters, lens, splats)
+    made = [array for array in splats if array is not None]
 
     def adjoint() -> None:
-        moved = [splats.centers, splats.depths, splats.roots, splats.opacities, splats.depth_slopes]
-        given = [array.grad if array is not None else None for array in moved]
-        with _added_to(arrays) as gradients:
-            projection.project_adjoint(kind, count, inputs, splats.extents, given, gradients, device=device)
-        _use_up([array for array in splats if array is not None])
+        adj_splats = Splats(*(array.grad for array in made))
+        with _added_to(parameters) as gradients:
+            projection.project_adjoint(
+                kind, parameters, lens, splats.extents, adj_splats, Parameters(*gradients)
+            )
+        _clear(made)
 
-    _record(tape, adjoint, [*arrays, *(array for array in splats if array is not None)])
+    _record(tape, adjoint, [*parameters, *made])
     return splats
 
 
@@ -149,20 +99,16 @@ def shade(
         eyes: Camera centre, one equal row for each `POSE_GROUP` gaussians, shape (G,), vec3.
         extents: From `project`.
     """
-    device, count = means.device, means.size
-    arrays = [means, _flat(sh), eyes, extents]
-    colors = wp.zeros(count, dtype=means.dtype, device=device, requires_grad=True)
-    precision = precision_of(means)
-    harmonics.shade(degree, count, sh.shape[1], arrays, [colors], device=device, precision=precision)
+    colors = wp.zeros(means.size, dtype=means.dtype, device=means.device, requires_grad=True)
+    harmonics.shade(degree, means, _flat(sh), sh.shape[1], eyes, extents, colors)
 
     def adjoint() -> None:
         with _added_to([means, sh, eyes]) as (of_means, of_sh, of_eyes):
             harmonics.shade_adjoint(
-                degree, count, sh.shape[1], [*arrays[:3], colors, colors.grad],
-                [of_means, _flat(of_sh) if of_sh is not None else None, of_eyes],
-                device=device, precision=precision,
+                degree, means, _flat(sh), sh.shape[1], eyes, colors, colors.grad, of_means,
+                None if of_sh is None else _flat(of_sh), of_eyes,
             )  # fmt: skip
-        _use_up([colors])
+        _clear([colors])
 
     _record(tape, adjoint, [means, sh, eyes, colors])
     return colors
@@ -179,18 +125,14 @@ def orient(
         means, log_scales, quaternions, poses: As in `project`.
         extents: From `project`.
     """
-    device, count = means.device, means.size
-    arrays = [means, log_scales, quaternions, poses, extents]
-    directions = wp.zeros(count, dtype=means.dtype, device=device, requires_grad=True)
-    precision = precision_of(means)
-    facing.orient(count, arrays, [directions], device=device, precision=precision)
+    directions = wp.zeros(means.size, dtype=means.dtype, device=means.device, requires_grad=True)
+    inputs = (means, log_scales, quaternions, poses, extents)
+    facing.orient(*inputs, directions)
 
     def adjoint() -> None:
-        with _added_to([quaternions, poses]) as gradients:
-            facing.orient_adjoint(
-                count, [*arrays, directions.grad], gradients, device=device, precision=precision
-            )
-        _use_up([directions])
+        with _added_to([quaternions, poses]) as (of_quaternions, of_poses):
+            facing.orient_adjoint(*inputs, directions.grad, of_quaternions, of_poses)
+        _clear([directions])
 
     _record(tape, adjoint, [quaternions, poses, directions])
     return directions
@@ -216,31 +158,26 @@ def composite(
     if blending.normals != (normals is not None):
         raise ValueError("normals are blended if and only if `blending.normals` is on: give both or neither")
     device, real = colors.device, blending.real
-    vec2, vec3, *_ = types_of(real)
+    vec3 = types_of(real).vec3
     normals = wp.zeros(0, dtype=vec3, device=device) if normals is None else normals
     bins = bin_gaussians(splats.centers, splats.depths, splats.extents, width, height)
-    slopes = splats.depth_slopes if blending.pixel_order else wp.zeros(0, dtype=vec2, device=device)
-    arrays = [
-        splats.centers, splats.extents, splats.roots, splats.opacities, colors, splats.depths, normals,
-        slopes,
-    ]  # fmt: skip
     images = Images(*(
         wp.zeros(width * height if asked else 0, dtype=dtype, device=device, requires_grad=True)
         for dtype, asked in (
             (vec3, True), (real, True), (real, True), (vec3, blending.normals), (real, blending.median)
         )
     ))  # fmt: skip
-    changes = compositing.composite(bins, width, height, arrays, list(images), blending)
-    moved = [arrays[k] for k in (0, 2, 3, 4, 5, 6)]
+    changes = compositing.composite(bins, width, height, splats, colors, normals, images, blending)
+    blended = [splats.centers, splats.factors, splats.opacities, colors, splats.depths, normals]
 
     def adjoint() -> None:
         compositing_adjoint.composite_adjoint(
-            bins, width, height, arrays, list(images), changes, [array.grad for array in images],
-            [_gradient(array) for array in moved], blending,
+            bins, width, height, splats, colors, normals, images, changes,
+            Images(*(array.grad for array in images)), BlendGradients(*map(_gradient, blended)), blending,
         )  # fmt: skip
-        _use_up(images)
+        _clear(images)
 
-    _record(tape, adjoint, [*moved, *images])
+    _record(tape, adjoint, [*blended, *images])
     return images
 
 
@@ -248,7 +185,7 @@ def reproject(
     tape: wp.Tape, image: wp.array, depth: wp.array, motion: reprojection.Motion, *,
     sampling: str = "bilinear",
 ) -> tuple[wp.array, wp.array, wp.array]:  # fmt: skip
-    """Carry an image along its depth into another camera.
+    """Warp an image by its depth into another camera.
 
     Args:
         tape: Records the adjoint.
@@ -294,7 +231,7 @@ def ssim(tape: wp.Tape, image: wp.array, target: wp.array, width: int, height: i
         similarity.similarity_adjoint(
             [_flat(image), _flat(target)], width, height, derivatives, _flat(result.grad), _flat(gradient)
         )
-        _use_up([result])
+        _clear([result])
 
     _record(tape, adjoint, [image, target, result])
     return result
@@ -319,7 +256,7 @@ def _gradient(array: wp.array) -> wp.array:
     return array.grad if array.requires_grad else wp.zeros_like(array)
 
 
-def _use_up(outputs: Sequence[wp.array]) -> None:
+def _clear(outputs: Sequence[wp.array]) -> None:
     for array in outputs:
         array.grad.zero_()
 

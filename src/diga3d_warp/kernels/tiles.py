@@ -3,8 +3,8 @@
 Invariants
 - Culling against the image, counting pairs of tiles and gaussians and listing them all use `tile_range`: a
   gaussian is visible exactly if it has pairs, and every slot that was counted is filled.
-- A box is clamped before its coordinates become integers: what lies far off wraps into no tile.
-- Pairs are numbered in 32 bits; of more of them none is written.
+- A box is clamped before its coordinates become integers: a box far away does not wrap around into a tile.
+- Pairs are numbered in 32 bits; more of them are an error, before any is written.
 """
 
 import math

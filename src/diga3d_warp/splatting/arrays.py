@@ -20,17 +20,15 @@ def warp_array(tensor: torch.Tensor, dtype: Any) -> Any:
     return wp.from_torch(tensor.detach(), dtype=dtype, requires_grad=False)
 
 
-def warp_arrays(tensors: Sequence[torch.Tensor], dtypes: Sequence[Any]) -> list[Any]:
-    """View tensors as Warp arrays, each of its own type."""
-    return [warp_array(tensor, dtype) for tensor, dtype in zip(tensors, dtypes, strict=True)]
-
-
 def vector_arrays(tensors: Sequence[torch.Tensor]) -> list[Any]:
-    """View tensors (N,) as Warp arrays of scalars, and tensors (N, C) as arrays of vectors."""
+    """View tensors (N,), (N, C) and (N, 4, 4) as Warp arrays of scalars, vectors and matrices."""
     arrays = []
     for tensor in tensors:
-        real = REALS[tensor.dtype]
-        dtype = real if tensor.ndim == 1 else getattr(types_of(real), f"vec{tensor.shape[1]}")
+        types = types_of(REALS[tensor.dtype])
+        if tensor.ndim == 1:
+            dtype = REALS[tensor.dtype]
+        else:
+            dtype = types.mat44 if tensor.ndim == 3 else getattr(types, f"vec{tensor.shape[1]}")
         arrays.append(warp_array(tensor, dtype))
     return arrays
 
@@ -40,13 +38,3 @@ def like(tensor: torch.Tensor | None, reference: torch.Tensor) -> torch.Tensor:
     if tensor is None:
         return torch.zeros_like(reference)
     return tensor.to(reference.dtype).contiguous()
-
-
-def precision_of(tensor: torch.Tensor) -> str:
-    """Name of a tensor's precision, as in `config.Accuracy`."""
-    return str(tensor.dtype).removeprefix("torch.")
-
-
-def device_of(tensor: torch.Tensor) -> wp.Device:
-    """Warp's device where a tensor lies."""
-    return wp.device_from_torch(tensor.device)

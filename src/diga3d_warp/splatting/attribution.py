@@ -10,9 +10,11 @@ import warp as wp
 
 from diga3d_warp.config import Accuracy, Effects
 from diga3d_warp.kernels import attribution
+from diga3d_warp.kernels.binning import Bins
 from diga3d_warp.kernels.blending import Blending
+from diga3d_warp.kernels.splats import Splats
 from diga3d_warp.splatting.arrays import vector_arrays, warp_array
-from diga3d_warp.splatting.composite import bin_projection, slopes_of
+from diga3d_warp.splatting.composite import bin_projection, in_precision
 from diga3d_warp.splatting.project import Projection
 
 
@@ -61,12 +63,14 @@ def shares(
     """
     height, width, _ = values.shape
     blending, splats, bins = _prepare(projection, width, height, accuracy, effects)
-    dtype, count = splats[0].dtype, len(projection.depths)
+    dtype, count = splats.centers.dtype, len(projection.depths)
     weights, sums = (values.new_zeros(shape, dtype=dtype) for shape in ((count,), (count, 3)))
     hits = values.new_zeros(count, dtype=torch.int32)
-    (pixels,) = vector_arrays([values.detach().to(dtype).reshape(-1, 3).contiguous()])
-    outputs = [*vector_arrays([weights, sums]), warp_array(hits, wp.int32)]
-    attribution.shares(bins, width, height, vector_arrays(splats), pixels, outputs, blending)
+    pixels, of_weights, of_sums = vector_arrays(
+        [values.detach().to(dtype).reshape(-1, 3).contiguous(), weights, sums]
+    )
+    result = attribution.Shares(of_weights, of_sums, warp_array(hits, wp.int32))
+    attribution.shares(bins, width, height, Splats(*vector_arrays(splats.tensors)), pixels, result, blending)
     return Shares(weights, sums, hits)
 
 
@@ -94,25 +98,19 @@ def strongest(
     if count < 1:
         raise ValueError(f"the number of strongest gaussians must be at least 1, not {count}")
     blending, splats, bins = _prepare(projection, width, height, accuracy, effects)
-    gaussians = splats[0].new_empty((height, width, count), dtype=torch.int32)
-    weights = splats[0].new_empty((height, width, count))
-    outputs = [
-        warp_array(gaussians.view(-1, count), wp.int32),
-        warp_array(weights.view(-1, count), blending.real),
-    ]
-    attribution.strongest(bins, width, height, vector_arrays(splats), outputs, count, blending)
+    gaussians = splats.centers.new_empty((height, width, count), dtype=torch.int32)
+    weights = splats.centers.new_empty((height, width, count))
+    result = attribution.Strongest(
+        warp_array(gaussians.view(-1, count), wp.int32), warp_array(weights.view(-1, count), blending.real)
+    )
+    attribution.strongest(bins, width, height, Splats(*vector_arrays(splats.tensors)), result, blending)
     return Strongest(gaussians, weights)
 
 
-def _prepare(projection: Projection, width: int, height: int, accuracy: Accuracy, effects: Effects):
-    """Kernel's kind, splats without colours, and pairs of the image."""
+def _prepare(
+    projection: Projection, width: int, height: int, accuracy: Accuracy, effects: Effects
+) -> tuple[Blending, Projection, Bins]:
+    """Kernel's kind, what it reads of the projection, and pairs of the image."""
     blending = Blending.of(accuracy, replace(effects, depth=False))
-    dtype = getattr(torch, blending.precision)
-    splats = [
-        tensor.detach().to(dtype).contiguous()
-        for tensor in (
-            projection.centers, projection.extents, projection.roots, projection.opacities,
-            projection.depths, slopes_of(projection, blending),
-        )
-    ]  # fmt: skip
-    return blending, splats, bin_projection(projection, width, height, dtype)
+    splats = Projection(*(t.detach().contiguous() for t in in_precision(projection, blending).tensors))
+    return blending, splats, bin_projection(splats, width, height)

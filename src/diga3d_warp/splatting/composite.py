@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
+import warp as wp
 
 from diga3d_warp.config import Accuracy, Effects
 from diga3d_warp.kernels import compositing, compositing_adjoint
 from diga3d_warp.kernels.binning import Bins, bin_gaussians
 from diga3d_warp.kernels.blending import Blending
-from diga3d_warp.kernels.precision import types_of
-from diga3d_warp.splatting.arrays import REALS, like, vector_arrays, warp_array
+from diga3d_warp.kernels.splats import BlendGradients, Images, Splats
+from diga3d_warp.splatting.arrays import like, vector_arrays
 from diga3d_warp.splatting.project import Projection
 
 
@@ -47,7 +49,7 @@ def composite(
 ) -> Composite:
     """Blend front to back (paper Eq. 1) with the cut-offs of `accuracy`.
 
-    Gradients reach centers, roots, opacities and colours; normals; depths with `effects.depth` or
+    Gradients reach centers, factors, opacities and colours; normals; depths with `effects.depth` or
     `median_depth`. What is not asked for is not in the compiled kernel.
 
     Args:
@@ -64,19 +66,12 @@ def composite(
             None where each pixel has its own order.
     """
     blending = Blending.of(accuracy, effects, normals=normals is not None, median=median_depth)
-    dtype = getattr(torch, blending.precision)
-    centers, extents, roots, opacities, colors, depths = (
-        tensor.to(dtype)
-        for tensor in (
-            projection.centers, projection.extents, projection.roots, projection.opacities, colors,
-            projection.depths,
-        )
-    )  # fmt: skip
-    normals = colors.new_empty((0, 3)) if normals is None else normals.to(dtype)
-    slopes = slopes_of(projection, blending).to(dtype)
-    bins = bin_projection(projection, width, height, dtype)
+    splats = in_precision(projection, blending)
+    colors = colors.to(splats.centers)
+    normals = colors.new_empty((0, 3)) if normals is None else normals.to(colors)
+    bins = bin_projection(splats, width, height)
     color, depth_sum, transmittance, normal_sum, median = _Composite.apply(
-        centers, extents, roots, opacities, colors, depths, normals, slopes, bins, width, height, blending
+        *splats, colors, normals, bins, width, height, blending
     )
     return Composite(
         color.view(height, width, 3),
@@ -87,43 +82,40 @@ def composite(
     )
 
 
-def slopes_of(projection: Projection, blending: Blending) -> torch.Tensor:
-    """Slopes of depth (N, 2) if the blending needs them, otherwise none, shape (0, 2).
+def in_precision(projection: Projection, blending: Blending) -> Projection:
+    """The projection as kernels of one kind read it: slopes are empty unless each pixel has its own order.
 
     Raises:
-        ValueError: it needs them, but the projection has none.
+        ValueError: slopes are needed, but the projection has none.
     """
     if not blending.pixel_order:
-        return projection.centers.new_empty((0, 2))
-    if projection.depth_slopes is None:
+        projection = projection._replace(depth_slopes=projection.centers.new_empty((0, 2)))
+    elif projection.depth_slopes is None:
         raise ValueError("per-pixel order needs depth_slopes: project with the same accuracy and effects")
-    return projection.depth_slopes
+    dtype = getattr(torch, blending.precision)
+    return Projection(*(tensor.to(dtype) for tensor in projection.tensors))
 
 
-def bin_projection(projection: Projection, width: int, height: int, dtype: torch.dtype) -> Bins:
-    """List the gaussians of each tile, nearest first, by positions of a floating-point type."""
-    vec2 = types_of(REALS[dtype]).vec2
-    return bin_gaussians(
-        warp_array(projection.centers.to(dtype), vec2),
-        warp_array(projection.depths.to(dtype), REALS[dtype]),
-        warp_array(projection.extents.to(dtype), vec2),
-        width,
-        height,
-    )
+def bin_projection(projection: Projection, width: int, height: int) -> Bins:
+    """List the gaussians of each tile, nearest first."""
+    centers, depths, extents = vector_arrays([projection.centers, projection.depths, projection.extents])
+    return bin_gaussians(centers, depths, extents, width, height)
 
 
 class _Composite(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx, centers, extents, roots, opacities, colors, depths, normals, slopes, bins: Bins, width, height,
-        blending: Blending,
+        ctx, centers, depths, factors, extents, opacities, depth_slopes, colors, normals, bins: Bins, width,
+        height, blending: Blending,
     ):  # fmt: skip
-        splats = tuple(
+        inputs = tuple(
             tensor.detach().contiguous()
-            for tensor in (centers, extents, roots, opacities, colors, depths, normals, slopes)
-        )
+            for tensor in (
+                centers, depths, factors, extents, opacities, depth_slopes, colors, normals
+            )
+        )  # fmt: skip
         pixels = height * width
-        outputs = (
+        images = (
             centers.new_empty((pixels, 3)),
             centers.new_zeros(pixels),
             centers.new_empty(pixels),
@@ -131,20 +123,32 @@ class _Composite(torch.autograd.Function):
             centers.new_empty(pixels if blending.median else 0),
         )
         ctx.changes = compositing.composite(
-            bins, width, height, vector_arrays(splats), vector_arrays(outputs), blending
+            bins, width, height, *_blended(inputs), Images(*vector_arrays(images)), blending
         )
-        ctx.save_for_backward(*splats, *outputs)
+        ctx.save_for_backward(*inputs, *images)
         ctx.task = bins, width, height, blending
-        return outputs
+        return images
 
     @staticmethod
     def backward(ctx, *given):
-        splats, outputs = ctx.saved_tensors[:8], ctx.saved_tensors[8:]
+        inputs, images = ctx.saved_tensors[:-5], ctx.saved_tensors[-5:]
         bins, width, height, blending = ctx.task
-        adj_outputs = [like(grad, output) for grad, output in zip(given, outputs, strict=True)]
-        adj_centers, *adj_others = (torch.zeros_like(splats[k]) for k in (0, 2, 3, 4, 5, 6))
+        adj_images = [like(gradient, image) for gradient, image in zip(given, images, strict=True)]
+        centers, depths, factors, _extents, opacities, _slopes, colors, normals = inputs
+        adj_centers, adj_factors, adj_opacities, adj_colors, adj_depths, adj_normals = gradients = [
+            torch.zeros_like(tensor) for tensor in (centers, factors, opacities, colors, depths, normals)
+        ]
         compositing_adjoint.composite_adjoint(
-            bins, width, height, vector_arrays(splats), vector_arrays(outputs), ctx.changes,
-            vector_arrays(adj_outputs), vector_arrays([adj_centers, *adj_others]), blending,
+            bins, width, height, *_blended(inputs), Images(*vector_arrays(images)), ctx.changes,
+            Images(*vector_arrays(adj_images)), BlendGradients(*vector_arrays(gradients)), blending,
         )  # fmt: skip
-        return adj_centers, None, *adj_others, None, None, None, None, None
+        return (
+            adj_centers, adj_depths, adj_factors, None, adj_opacities, None, adj_colors, adj_normals,
+            None, None, None, None,
+        )  # fmt: skip
+
+
+def _blended(inputs: Sequence[torch.Tensor]) -> tuple[Splats, wp.array, wp.array]:
+    """Splats, colours and normals as Warp arrays, from the tensors of `_Composite` in order."""
+    *splats, colors, normals = vector_arrays(inputs)
+    return Splats(*splats), colors, normals

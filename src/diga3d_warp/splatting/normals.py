@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import torch
-import warp as wp
 
 from diga3d_warp.kernels import normals
-from diga3d_warp.kernels.precision import Types, types_of
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.splatting.arrays import REALS, device_of, precision_of, warp_array, warp_arrays
+from diga3d_warp.splatting.arrays import vector_arrays
 from diga3d_warp.splatting.project import camera_rows
 
 
@@ -41,11 +39,7 @@ class _Orient(torch.autograd.Function):
     def forward(ctx, means, log_scales, quaternions, poses, extents):
         inputs = tuple(t.detach().contiguous() for t in (means, log_scales, quaternions, poses, extents))
         directions = torch.empty_like(inputs[0])
-        types = types_of(REALS[directions.dtype])
-        normals.orient(
-            len(directions), _arrays(inputs, types), [warp_array(directions, types.vec3)],
-            device=device_of(directions), precision=precision_of(directions),
-        )  # fmt: skip
+        normals.orient(*vector_arrays([*inputs, directions]))
         ctx.save_for_backward(*inputs)
         return directions
 
@@ -53,14 +47,7 @@ class _Orient(torch.autograd.Function):
     def backward(ctx, adj_directions):
         inputs = ctx.saved_tensors
         adj_quaternions, adj_poses = torch.empty_like(inputs[2]), torch.zeros_like(inputs[3])
-        types = types_of(REALS[inputs[0].dtype])
         normals.orient_adjoint(
-            len(inputs[0]), [*_arrays(inputs, types), warp_array(adj_directions.contiguous(), types.vec3)],
-            warp_arrays((adj_quaternions, adj_poses), (types.vec4, types.mat44)),
-            device=device_of(inputs[0]), precision=precision_of(inputs[0]),
-        )  # fmt: skip
+            *vector_arrays([*inputs, adj_directions.contiguous(), adj_quaternions, adj_poses])
+        )
         return None, None, adj_quaternions, adj_poses, None
-
-
-def _arrays(inputs, types: Types) -> list[wp.array]:
-    return warp_arrays(inputs, (types.vec3, types.vec3, types.vec4, types.mat44, types.vec2))

@@ -11,35 +11,24 @@ import warp as wp
 from diga3d_warp.config import SPLATTING
 from diga3d_warp.kernels.cameras import lens_model, pixel_rays_kernel, valid_radius
 from diga3d_warp.kernels.launch import launch
+from diga3d_warp.kernels.projection import Lens
 from diga3d_warp.scene.camera import Camera, Distortion
 
 NO_RADIUS_LIMIT = {"none": 1e6, "brown": 1e6, "brown5": 1e4, "fisheye": 1e6}
-"""Stands for an infinite valid radius [focal lengths]: a ray a fifth of an arc second from the image plane,
+"""Replaces an infinite valid radius [focal lengths]: a ray a fifth of an arc second from the image plane,
 or 20 arc seconds. The power of it that a lens polynomial takes, the fifth or the seventh, still is a float32
 after a product with `PIXELS_MAX` and `COEFFICIENT_MAX`."""
 
 
 @dataclass(frozen=True, eq=False)
-class Optics:
-    """Lens and field of view of a camera, without its pose.
+class Optics(Lens):
+    """Lens, field of view and image size of a camera, without its pose, and the rays of its pixels.
 
     Attributes:
-        lens_kind: "none", "brown", "brown5" or "fisheye".
-        coefficients: Lens coefficients, zeros for a pinhole.
-        radius_max: Undistorted radius below which the lens is one to one [focal lengths].
-        lower, upper: Undistorted (x/z, y/z) beyond which the EWA Jacobian is not followed.
-        width, height: Image size [px].
         rays: Undistorted (x/z, y/z) of every pixel centre, shape (H * W, 2), float32; NaN where the lens
             reaches no ray.
     """
 
-    lens_kind: str
-    coefficients: tuple[float, ...]
-    radius_max: float
-    lower: tuple[float, float]
-    upper: tuple[float, float]
-    width: int
-    height: int
     rays: np.ndarray
 
 
@@ -67,13 +56,5 @@ def _optics(
         reached = np.zeros((1, 2), np.float32)
     low, high = reached.min(axis=0), reached.max(axis=0)
     margin = (SPLATTING.jacobian_margin - 1.0) * 0.5 * (high - low)
-    return Optics(
-        kind,
-        coefficients,
-        radius,
-        tuple((low - margin).tolist()),
-        tuple((high + margin).tolist()),
-        width,
-        height,
-        seen,
-    )
+    lower, upper = tuple((low - margin).tolist()), tuple((high + margin).tolist())
+    return Optics(kind, coefficients, radius, lower, upper, width, height, seen)

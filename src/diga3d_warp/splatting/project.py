@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
-import warp as wp
 
 from diga3d_warp.config import POSE_GROUP, SPLATTING, Accuracy, Effects
 from diga3d_warp.kernels import projection
-from diga3d_warp.kernels.cameras import lens_model
 from diga3d_warp.kernels.footprint import Projecting
-from diga3d_warp.kernels.precision import types_of
+from diga3d_warp.kernels.splats import Splats
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.splatting.arrays import device_of, warp_array, warp_arrays
+from diga3d_warp.splatting.arrays import vector_arrays
 from diga3d_warp.splatting.optics import Optics, optics_of
 
 
@@ -23,8 +22,8 @@ class Projection(NamedTuple):
     Attributes:
         centers: Pixel positions, shape (N, 2).
         depths: z along the camera axis [scene units], shape (N,).
-        roots: Cholesky root L of the inverse covariance L L^T, lower triangular, as (l11, l21, l22) [px^-1],
-            shape (N, 3).
+        factors: Cholesky factors L of the inverse covariances L L^T, lower triangular, as (l11, l21, l22)
+            [px^-1], shape (N, 3).
         extents: Half width and height of the box to draw [px], shape (N, 2). Carries no gradient; (0, 0)
             for a culled gaussian.
         opacities: Peak opacity, shape (N,).
@@ -35,7 +34,7 @@ class Projection(NamedTuple):
 
     centers: torch.Tensor
     depths: torch.Tensor
-    roots: torch.Tensor
+    factors: torch.Tensor
     extents: torch.Tensor
     opacities: torch.Tensor
     depth_slopes: torch.Tensor | None = None
@@ -48,6 +47,11 @@ class Projection(NamedTuple):
         behind others.
         """
         return self.extents[:, 0] > 0.0
+
+    @property
+    def tensors(self) -> list[torch.Tensor]:
+        """All of them in order, without slopes where there are none."""
+        return [tensor for tensor in self if tensor is not None]
 
 
 def project(
@@ -124,72 +128,34 @@ def group_count(means: torch.Tensor) -> int:
 class _Project(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx,
-        means,
-        log_scales,
-        quaternions,
-        opacity_logits,
-        poses,
-        intrinsics,
-        optics: Optics,
+        ctx, means, log_scales, quaternions, opacity_logits, poses, intrinsics, optics: Optics,
         kind: Projecting,
-    ):
+    ):  # fmt: skip
         inputs = tuple(
             tensor.detach().contiguous()
             for tensor in (means, log_scales, quaternions, opacity_logits, poses, intrinsics)
         )
-        count = len(means)
         tails = [(2,), (), (3,), (2,), (), *([(2,)] if kind.slopes else [])]
-        outputs = tuple(means.new_empty((count, *tail)) for tail in tails)
-        projection.project(
-            kind, count, _arguments(inputs, optics, kind), optics.width, optics.height,
-            _outputs(outputs, kind), device=device_of(means),
-        )  # fmt: skip
-        ctx.save_for_backward(*inputs, outputs[3])
+        outputs = Projection(*(means.new_empty((len(means), *tail)) for tail in tails))
+        projection.project(kind, _parameters(inputs), optics, Splats(*vector_arrays(outputs.tensors)))
+        ctx.save_for_backward(*inputs, outputs.extents)
         ctx.optics, ctx.kind = optics, kind
-        ctx.mark_non_differentiable(outputs[3])
-        return outputs
+        ctx.mark_non_differentiable(outputs.extents)
+        return tuple(outputs.tensors)
 
     @staticmethod
-    def backward(ctx, *adj_given):
+    def backward(ctx, *adj_outputs):
         *inputs, extents = ctx.saved_tensors
         of_gaussians, of_camera = inputs[:4], inputs[4:]
         adj_inputs = (*map(torch.empty_like, of_gaussians), *map(torch.zeros_like, of_camera))
-        adj_outputs = [adj_given[k].contiguous() for k in (0, 1, 2, 4)]
-        types = types_of(ctx.kind.real)
-        dtypes = (types.vec2, ctx.kind.real, types.vec3, ctx.kind.real)
-        adj_slopes = warp_array(adj_given[5].contiguous(), types.vec2) if ctx.kind.slopes else None
+        adj_projection = Projection(*(gradient.contiguous() for gradient in adj_outputs))
+        (of_extents,) = vector_arrays([extents])
         projection.project_adjoint(
-            ctx.kind,
-            len(extents),
-            _arguments(inputs, ctx.optics, ctx.kind),
-            warp_array(extents, types.vec2),
-            [*warp_arrays(adj_outputs, dtypes), adj_slopes],
-            warp_arrays(adj_inputs, _input_types(ctx.kind)),
-            device=device_of(extents),
-        )
+            ctx.kind, _parameters(inputs), ctx.optics, of_extents,
+            Splats(*vector_arrays(adj_projection.tensors)), _parameters(adj_inputs),
+        )  # fmt: skip
         return *adj_inputs, None, None
 
 
-def _input_types(kind: Projecting) -> tuple[Any, ...]:
-    types = types_of(kind.real)
-    return (types.vec3, types.vec3, types.vec4, kind.real, types.mat44, types.vec4)
-
-
-def _arguments(inputs: tuple[torch.Tensor, ...], optics: Optics, kind: Projecting) -> list:
-    types = types_of(kind.real)
-    return [
-        *warp_arrays(inputs, _input_types(kind)),
-        lens_model(kind.lens_kind, kind.real).vector(*optics.coefficients),
-        types.vec2(*optics.lower),
-        types.vec2(*optics.upper),
-        optics.radius_max,
-    ]
-
-
-def _outputs(tensors, kind: Projecting) -> list[wp.array | None]:
-    """Arrays of the kernel's outputs, or of their gradients; None for slopes that are not asked for."""
-    types = types_of(kind.real)
-    dtypes = (types.vec2, kind.real, types.vec3, types.vec2, kind.real)
-    slopes = warp_array(tensors[5], types.vec2) if kind.slopes else None
-    return [*warp_arrays(tensors[:5], dtypes), slopes]
+def _parameters(tensors: Sequence[torch.Tensor]) -> projection.Parameters:
+    return projection.Parameters(*vector_arrays(tensors))

@@ -42,7 +42,7 @@ def reproject(
     *,
     accuracy: Accuracy = Accuracy.STANDARD,
 ) -> Warp:
-    """Carry an image along its depth into another camera, nearest surface first.
+    """Warp an image by its depth into another camera; the nearest surface is visible.
 
     Differentiable in image and depth. The gradient holds fixed which surface is in front; it does not see
     pixels appear or vanish. Source pixels with a depth that is zero, negative or not finite are left out, and

@@ -5,9 +5,8 @@ from __future__ import annotations
 import torch
 
 from diga3d_warp.kernels import harmonics
-from diga3d_warp.kernels.precision import types_of
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.splatting.arrays import REALS, device_of, precision_of, warp_array, warp_arrays
+from diga3d_warp.splatting.arrays import vector_arrays
 from diga3d_warp.splatting.project import group_count
 
 MAX_DEGREE = 3
@@ -54,31 +53,27 @@ def shade(
 class _Shade(torch.autograd.Function):
     @staticmethod
     def forward(ctx, means, sh, eyes, extents, degree: int):
-        inputs = tuple(tensor.detach().contiguous() for tensor in (means, sh, eyes, extents))
-        colors = torch.empty_like(inputs[0])
-        real = REALS[colors.dtype]
-        vec2, vec3 = types_of(real)[:2]
-        flat = (inputs[0], inputs[1].view(-1), *inputs[2:])
-        harmonics.shade(
-            degree, len(means), sh.shape[1], warp_arrays(flat, (vec3, real, vec3, vec2)),
-            [warp_array(colors, vec3)], device=device_of(means), precision=precision_of(colors),
-        )  # fmt: skip
-        ctx.save_for_backward(*inputs[:3], colors)
+        means, sh, eyes, extents = (t.detach().contiguous() for t in (means, sh, eyes, extents))
+        colors = torch.empty_like(means)
+        of_means, flat, of_eyes, of_extents, of_colors = vector_arrays(
+            [means, sh.view(-1), eyes, extents, colors]
+        )
+        harmonics.shade(degree, of_means, flat, sh.shape[1], of_eyes, of_extents, of_colors)
+        ctx.save_for_backward(means, sh, eyes, colors)
         ctx.degree = degree
         return colors
 
     @staticmethod
     def backward(ctx, adj_colors):
         means, sh, eyes, colors = ctx.saved_tensors
-        terms = coefficient_count(ctx.degree)
-        fresh = torch.empty_like if sh.shape[1] == terms else torch.zeros_like
-        gradients = (torch.empty_like(means), fresh(sh), torch.zeros_like(eyes))
-        real = REALS[colors.dtype]
-        vec3 = types_of(real).vec3
-        given = (means, sh.view(-1), eyes, colors, adj_colors.contiguous())
-        wanted = (gradients[0], gradients[1].view(-1), gradients[2])
-        harmonics.shade_adjoint(
-            ctx.degree, len(colors), sh.shape[1], warp_arrays(given, (vec3, real, vec3, vec3, vec3)),
-            warp_arrays(wanted, (vec3, real, vec3)), device=device_of(colors), precision=precision_of(colors),
+        # Coefficients above the degree are not written.
+        fresh = torch.empty_like if sh.shape[1] == coefficient_count(ctx.degree) else torch.zeros_like
+        adj_means, adj_sh, adj_eyes = torch.empty_like(means), fresh(sh), torch.zeros_like(eyes)
+        of_means, flat, *others = vector_arrays(
+            [
+                means, sh.view(-1), eyes, colors, adj_colors.contiguous(), adj_means, adj_sh.view(-1),
+                adj_eyes,
+            ]
         )  # fmt: skip
-        return *gradients, None, None
+        harmonics.shade_adjoint(ctx.degree, of_means, flat, sh.shape[1], *others)
+        return adj_means, adj_sh, adj_eyes, None, None

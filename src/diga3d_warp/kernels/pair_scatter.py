@@ -1,14 +1,14 @@
-"""Lists of gaussians by tile on CPU: sort by depth once, then deal to the tiles in that order.
+"""Lists of gaussians by tile on CPU: sort by depth once, then scatter pairs to their tiles in that order.
 
-Dealing is a stable counting sort, cut among a fixed number of dealers, every one with a share of the
-gaussians and a counter of its own per tile: they run on different threads, and the result is the same for any
-number of them. Depths are sorted by NumPy, whose sort of 64-bit integers runs on vectors: a million takes
-8 ms on one core, as long as three passes of a radix sort on two.
+The scatter is a stable counting sort in a fixed number of chunks of gaussians, each with a counter of its own
+for every tile: chunks run on different threads, and the result is the same for any number of them. Depths are
+sorted by NumPy, whose sort of 64-bit integers runs on vectors: a million takes 8 ms on one core, as long as
+three passes of a radix sort on two.
 
 Invariants
 - Equal depths keep the order of their indices.
-- An element is a gaussian's key of depth, in the upper 32 bits, and its index. Keys are positive integers.
-- The shares of counting and of dealing are the same, so every slot that was counted is filled.
+- An element is a gaussian's depth key, in the upper 32 bits, and its index. Keys are positive integers.
+- Counting and scattering use the same chunks, so every slot that was counted is filled.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from diga3d_warp.kernels.tiles import Lists, checked, grid, tile_range
 
 wp.set_module_options(OPTIONS)
 
-DEALERS = 16
-"""Shares that are dealt independently: enough for 8 threads at two shares each, few enough that a counter per
-tile and dealer stays small (18k counters at 648 x 420 px)."""
+CHUNKS = 16
+"""Chunks that are scattered independently: enough for 8 threads at two chunks each, few enough that a counter
+for each tile and chunk stays small (18k counters at 648 x 420 px)."""
 
 AHEAD = wp.constant(16)
-"""Elements by which a dealer asks for memory ahead: gaussians lie in another order than their depths."""
+"""Elements by which a chunk prefetches: gaussians are stored in another order than that of their depths."""
 
 read_range, _, fetch_range, _ = cells_of(wp.vec4us)
 read_element, write_element, *_ = cells_of(wp.uint64)
@@ -58,9 +58,9 @@ def write_range(
 
 
 @wp.func
-def share(dealer: int, count: int) -> int:
-    """First element of a dealer's share."""
-    return dealer * (count // DEALERS) + wp.min(dealer, count % DEALERS)
+def begin(chunk: int, count: int) -> int:
+    """First element of a chunk."""
+    return chunk * (count // CHUNKS) + wp.min(chunk, count % CHUNKS)
 
 
 @wp.func
@@ -78,15 +78,15 @@ def measure(
     # outputs
     ranges: wp.array(dtype=wp.vec4us),
     emitted: wp.array(dtype=wp.int64),
-    drawn: wp.array(dtype=int),
+    visible: wp.array(dtype=int),
 ):
-    """Ranges of tiles, and sums over a share. No branch, so that the loop runs on vectors."""
-    dealer = wp.tid() + offset
+    """Ranges of tiles, and sums over a chunk. No branch, so that the loop runs on vectors."""
+    chunk = wp.tid() + offset
     count = centers.shape[0]
     total = wp.int64(0)
     touching = int(0)
-    i = share(dealer, count)
-    end = share(dealer + 1, count)
+    i = begin(chunk, count)
+    end = begin(chunk + 1, count)
     while i < end:
         x = component(centers, i, 0)
         y = component(centers, i, 1)
@@ -101,8 +101,8 @@ def measure(
         total += tiles
         touching += wp.where(tiles > wp.int64(0), 1, 0)
         i += 1
-    emitted[dealer] = total
-    drawn[dealer] = touching
+    emitted[chunk] = total
+    visible[chunk] = touching
 
 
 @wp.kernel
@@ -116,12 +116,12 @@ def collect(
     first: wp.array(dtype=int),
     elements: wp.array(dtype=wp.uint64),
 ):
-    """Number emissions through all shares, and line up drawn gaussians as elements to sort."""
-    dealer = wp.tid() + offset
+    """Number emissions through all chunks, and line up visible gaussians as elements to sort."""
+    chunk = wp.tid() + offset
     count = keys.shape[0]
-    slot = int(element_bases[dealer])
-    emission = int(emission_bases[dealer])
-    for i in range(share(dealer, count), share(dealer + 1, count)):
+    slot = int(element_bases[chunk])
+    emission = int(emission_bases[chunk])
+    for i in range(begin(chunk, count), begin(chunk + 1, count)):
         write_int(first, i, emission)
         r = read_range(ranges, i)
         tiles = int(r[1]) * int(r[3])
@@ -148,14 +148,14 @@ def count_tiles(
     # outputs
     counters: wp.array(dtype=int),
 ):
-    dealer = wp.tid() + offset
+    chunk = wp.tid() + offset
     count = elements.shape[0]
-    end = share(dealer + 1, count)
-    for k in range(share(dealer, count), end):
+    end = begin(chunk + 1, count)
+    for k in range(begin(chunk, count), end):
         fetch_range(ranges, index_of(read_element(elements, wp.min(k + AHEAD, end - 1))))
         r = read_range(ranges, index_of(read_element(elements, k)))
         across = int(r[1])
-        cell = (dealer * rows + int(r[2])) * columns + int(r[0])
+        cell = (chunk * rows + int(r[2])) * columns + int(r[0])
         column = int(0)
         # One loop over both directions: its end is guessed wrongly once a gaussian, not once a row.
         for _ in range(across * int(r[3])):
@@ -165,7 +165,7 @@ def count_tiles(
 
 
 @wp.kernel
-def deal_tiles(
+def scatter_pairs(
     offset: int,
     elements: wp.array(dtype=wp.uint64),
     ranges: wp.array(dtype=wp.vec4us),
@@ -177,17 +177,17 @@ def deal_tiles(
     gaussians: wp.array(dtype=int),
     emissions: wp.array(dtype=int),
 ):
-    dealer = wp.tid() + offset
+    chunk = wp.tid() + offset
     count = elements.shape[0]
-    end = share(dealer + 1, count)
-    for k in range(share(dealer, count), end):
+    end = begin(chunk + 1, count)
+    for k in range(begin(chunk, count), end):
         ahead = index_of(read_element(elements, wp.min(k + AHEAD, end - 1)))
         fetch_range(ranges, ahead)
         fetch_int(first, ahead)
         i = index_of(read_element(elements, k))
         r = read_range(ranges, i)
         across = int(r[1])
-        cell = (dealer * rows + int(r[2])) * columns + int(r[0])
+        cell = (chunk * rows + int(r[2])) * columns + int(r[0])
         column = int(0)
         emission = int(read_int(first, i))
         for _ in range(across * int(r[3])):
@@ -199,7 +199,7 @@ def deal_tiles(
             column = wp.where(column + 1 == across, 0, column + 1)
 
 
-def list_by_dealing(centers: wp.array, extents: wp.array, keys: wp.array, width: int, height: int) -> Lists:
+def list_by_scatter(centers: wp.array, extents: wp.array, keys: wp.array, width: int, height: int) -> Lists:
     """List the gaussians of each tile by key, on CPU.
 
     Args:
@@ -212,36 +212,36 @@ def list_by_dealing(centers: wp.array, extents: wp.array, keys: wp.array, width:
     """
     count, (columns, rows) = centers.shape[0], grid(width, height)
     ranges, first = _empty(count, wp.vec4us), _empty(count + 1, int)
-    emitted, drawn = _empty(DEALERS, wp.int64), _empty(DEALERS, int)
-    _deal(measure, count, [centers, extents, width, height], [ranges, emitted, drawn])
-    emission_bases, element_bases = _sums(emitted), _sums(drawn)
+    emitted, visible = _empty(CHUNKS, wp.int64), _empty(CHUNKS, int)
+    _launch(measure, count, [centers, extents, width, height], [ranges, emitted, visible])
+    emission_bases, element_bases = _sums(emitted), _sums(visible)
     pairs = checked(int(emission_bases[-1]))
     first[count:].fill_(pairs)
     elements = _empty(int(element_bases[-1]), wp.uint64)
-    _deal(
+    _launch(
         collect, count, [keys, ranges, _ints(emission_bases), _ints(element_bases)], [first, elements]
     )  # fmt: skip
     elements.numpy().sort()
 
-    counters = wp.zeros(DEALERS * columns * rows, dtype=int, device="cpu")
-    _deal(count_tiles, pairs, [elements, ranges, columns, rows], [counters])
+    counters = wp.zeros(CHUNKS * columns * rows, dtype=int, device="cpu")
+    _launch(count_tiles, pairs, [elements, ranges, columns, rows], [counters])
     starts, cursors = _slots(counters)
     gaussians, emissions = _empty(pairs, int), _empty(pairs, int)
-    _deal(
-        deal_tiles, pairs, [elements, ranges, first, columns, rows], [cursors, gaussians, emissions]
+    _launch(
+        scatter_pairs, pairs, [elements, ranges, first, columns, rows], [cursors, gaussians, emissions]
     )  # fmt: skip
     return Lists(starts, gaussians, first, emissions)
 
 
 def _slots(counters: wp.array) -> tuple[wp.array, wp.array]:
-    """First slot of each cell and the end, (C + 1,), and of each dealer in each cell, (DEALERS * C,).
+    """First slot of each cell and the end, (C + 1,), and of each chunk in each cell, (CHUNKS * C,).
 
-    A dealer's first slot in a cell comes after all earlier cells and, in the cell, after earlier dealers.
+    A chunk's first slot in a cell comes after all earlier cells and, in the cell, after earlier chunks.
     """
-    dealt = counters.numpy().reshape(DEALERS, -1)
-    starts = np.zeros(dealt.shape[1] + 1, np.int32)
-    np.cumsum(dealt.sum(0, dtype=np.int32), out=starts[1:])
-    earlier = np.cumsum(dealt, axis=0, dtype=np.int32) - dealt
+    counted = counters.numpy().reshape(CHUNKS, -1)
+    starts = np.zeros(counted.shape[1] + 1, np.int32)
+    np.cumsum(counted.sum(0, dtype=np.int32), out=starts[1:])
+    earlier = np.cumsum(counted, axis=0, dtype=np.int32) - counted
     return _ints(starts), _ints(starts[:-1] + earlier)
 
 
@@ -257,6 +257,6 @@ def _empty(count: int, dtype: Any) -> wp.array:
     return wp.empty(count, dtype=dtype, device="cpu")
 
 
-def _deal(kernel: wp.Kernel, work: int, inputs: list, outputs: list) -> None:
-    """Run a kernel over all dealers, who have so many elements between them."""
-    launch(kernel, DEALERS, inputs, outputs, device="cpu", work=work // DEALERS + 1, uneven=True)
+def _launch(kernel: wp.Kernel, work: int, inputs: list, outputs: list) -> None:
+    """Run a kernel over all chunks; `work` is the number of elements in all of them."""
+    launch(kernel, CHUNKS, inputs, outputs, device="cpu", work=work // CHUNKS + 1, uneven=True)

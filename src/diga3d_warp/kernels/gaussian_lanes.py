@@ -1,8 +1,8 @@
-"""Columns: rows of an array, side by side in vector lanes.
+"""Gaussians in SIMD lanes: rows of an array, moved to and from the lanes of vectors.
 
-Arrays hold one row a gaussian; a thread takes many gaussians, so many at a time as a vector has lanes. It
-turns their rows into the columns of a matrix, whose rows then are vectors, computes on these in one loop over
-lanes, and turns the results back into rows.
+Arrays hold one row for each gaussian. A thread takes many gaussians, as many at a time as a vector has lanes.
+It loads their rows as the columns of a matrix, so that a row of the matrix is a vector with one gaussian in
+each lane, computes in one loop over lanes, and stores the results as rows again.
 
 Invariants
 - Lanes beyond the last gaussian are zero in a matrix that was loaded, and what they were in a table; neither
@@ -21,40 +21,40 @@ from diga3d_warp.kernels.cells import cells_of
 
 
 @dataclass(frozen=True)
-class Columns:
-    """How gaussians are dealt to threads.
+class GaussianLanes:
+    """How gaussians are shared among threads.
 
     Attributes:
         span: Gaussians of a thread; all of them share one row of the camera's gradient.
-        size: Gaussians side by side.
+        size: Gaussians at a time, one in each lane.
     """
 
     span: int
     size: int
 
 
-CPU_COLUMNS = Columns(POSE_GROUP, 16)
+CPU_LANES = GaussianLanes(POSE_GROUP, 16)
 """16 lanes fill one AVX-512 register."""
 
-ONE_BY_ONE = Columns(POSE_GROUP, 1)
-"""For functions that call a library, as all do in float64: a loop that keeps calling gains nothing from
+ONE_BY_ONE = GaussianLanes(POSE_GROUP, 1)
+"""For functions that call a library, as all do in float64: a loop with calls gains nothing from
 lanes, and Warp 1.19's compiler made wrong code of one (float64, sigma points with slopes of depth)."""
 
-CUDA_COLUMNS = Columns(1, 1)
+CUDA_LANES = GaussianLanes(1, 1)
 
 
-def columns_for(device: Any, *, calls: bool) -> Columns:
-    """How to deal gaussians out on a device to a kernel that calls a library, or does not."""
+def lanes_for(device: Any, *, calls: bool) -> GaussianLanes:
+    """How to share gaussians among the threads of a device, for a kernel that calls a library or does not."""
     if not wp.get_device(device).is_cpu:
-        return CUDA_COLUMNS
-    return ONE_BY_ONE if calls else CPU_COLUMNS
+        return CUDA_LANES
+    return ONE_BY_ONE if calls else CPU_LANES
 
 
 class Moves(NamedTuple):
-    """Warp functions between rows of an array and columns of a matrix of shape (numbers in a row, lanes).
+    """Warp functions between rows of an array and a matrix of shape (numbers in a row, lanes).
 
     Attributes:
-        load: (array, first, count) -> matrix: columns of `count` rows from `first` on.
+        load: (array, first, count) -> matrix: `count` rows from `first` on, one a lane.
         store: (array, first, count, matrix): write them; nothing where there is no array.
     """
 
@@ -79,28 +79,28 @@ def moves_of(dtype: Any, size: int) -> Moves:
 
     @wp.func
     def load(values: wp.array(dtype=dtype), first: int, count: int) -> matrix:
-        columns = matrix()
+        lanes = matrix()
         if count == size:
             for c in range(length):
                 for t in range(size):
-                    columns[c, t] = read(values, first + t, c)
+                    lanes[c, t] = read(values, first + t, c)
         else:
             for c in range(length):
                 for t in range(count):
-                    columns[c, t] = read(values, first + t, c)
-        return columns
+                    lanes[c, t] = read(values, first + t, c)
+        return lanes
 
     @wp.func
-    def store(values: wp.array(dtype=dtype), first: int, count: int, columns: matrix):
+    def store(values: wp.array(dtype=dtype), first: int, count: int, lanes: matrix):
         if values:
             if count == size:
                 for c in range(length):
                     for t in range(size):
-                        write(values, first + t, c, columns[c, t])
+                        write(values, first + t, c, lanes[c, t])
             else:
                 for c in range(length):
                     for t in range(count):
-                        write(values, first + t, c, columns[c, t])
+                        write(values, first + t, c, lanes[c, t])
 
     return Moves(load, store)
 
@@ -109,7 +109,7 @@ class Tables(NamedTuple):
     """Warp functions between long rows in one array of numbers and a table: an array of one vector a number.
 
     Attributes:
-        load: (array, stride, first, count, table): rows from `first` on, which begin `stride` numbers apart.
+        load: (array, stride, first, count, table): rows from `first` on, `stride` numbers apart.
         store: The same, back; nothing where there is no array.
         get: (table, number, lane) -> value.
         put: (table, number, lane, value).
@@ -125,9 +125,9 @@ class Tables(NamedTuple):
 def tables_of(numbers: int, size: int, real: Any) -> Tables:
     """The functions for rows of `numbers` scalars, `size` at a time.
 
-    A long row is moved as it lies, and squares of numbers and lanes are transposed in registers: to move one
-    number of all rows at a time would touch a cache line for each. Where the last square would leave the
-    table, it begins earlier and overlaps the one before.
+    A long row is moved in one piece, and squares of numbers and lanes are transposed in registers: moving one
+    number of all rows at a time would touch a cache line for each row. Where the last square would leave the
+    table, it starts earlier and overlaps the one before.
     """
     vec = wp.types.vector(length=size, dtype=real)
     read, write, *_ = cells_of(real)
@@ -189,7 +189,7 @@ def _squares(numbers: int, size: int, real: Any, *, loads: bool) -> str:
         half //= 2
     in_array, in_table = "values.data + stride * (first + t) + begin", "table.data + begin + t"
     source, target = (in_array, in_table) if loads else (in_table, in_array)
-    # The next rows are on their way while these are worked on.
+    # Prefetch the next rows.
     ahead = f"__builtin_prefetch(values.data + stride * (first + t + {size}) + begin);" if loads else ""
     return f"""
 typedef {scalar} Row __attribute__((vector_size({size} * sizeof({scalar}))));

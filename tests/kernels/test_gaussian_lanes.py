@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 from diga3d_warp.kernels.cells import aligned_function
-from diga3d_warp.kernels.columns import moves_of, tables_of
+from diga3d_warp.kernels.gaussian_lanes import moves_of, tables_of
 from diga3d_warp.kernels.launch import OPTIONS, launch
 
 SIZE = 16

@@ -8,16 +8,16 @@ import warp as wp
 
 from diga3d_warp.config import TILE, Accuracy, Effects
 from diga3d_warp.kernels.blending import Blending
-from diga3d_warp.kernels.lanes import (
+from diga3d_warp.kernels.lanes import total_function
+from diga3d_warp.kernels.launch import OPTIONS
+from diga3d_warp.kernels.pixel_lanes import (
     CPU_LANES,
     CUDA_LANES,
-    Lanes,
-    lanes_of,
+    PixelLanes,
+    lanes_for,
     lowest_bit,
     reached_function,
-    total_function,
 )
-from diga3d_warp.kernels.launch import OPTIONS
 from diga3d_warp.kernels.precision import types_of
 
 COUNT = 4000
@@ -29,29 +29,29 @@ def test_a_fixed_order_on_cuda_takes_one_thread_a_tile():
     cuda = SimpleNamespace(is_cpu=False)
     fixed = Blending.of(Accuracy.STANDARD, Effects(deterministic=True))
     free = Blending.of(Accuracy.STANDARD, Effects())
-    assert lanes_of(cuda, fixed).region == TILE and lanes_of(cuda, free).region == 1
+    assert lanes_for(cuda, fixed).region == TILE and lanes_for(cuda, free).region == 1
     assert fixed == free, "the same kernels on CPU"
 
 
 Ellipses = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Centres (N, 2), extents (N, 2) and roots (N, 3)."""
+"""Centres (N, 2), extents (N, 2) and factors (N, 3)."""
 
 
 def ellipses(axes: np.ndarray, centers: np.ndarray, angle: np.ndarray) -> Ellipses:
     """Ellipses of standard deviations `axes` [px], turned by an angle."""
     turn = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], -1).reshape(-1, 2, 2)
     covariance = turn @ (axes[:, :, None] ** 2 * np.eye(2)) @ turn.transpose(0, 2, 1)
-    root = np.linalg.cholesky(np.linalg.inv(covariance))
-    roots = np.stack([root[:, 0, 0], root[:, 1, 0], root[:, 1, 1]], -1)
-    return centers, np.sqrt(LEVEL * covariance[:, [0, 1], [0, 1]]), roots
+    factor = np.linalg.cholesky(np.linalg.inv(covariance))
+    factors = np.stack([factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]], -1)
+    return centers, np.sqrt(LEVEL * covariance[:, [0, 1], [0, 1]]), factors
 
 
 def all_sizes() -> Ellipses:
     """From specks to gaussians 3000 px wide, needles among them, in or beside the first tile."""
     random = np.random.default_rng(5)
     axes = np.exp(random.uniform(np.log(0.3), np.log(1000.0), (COUNT, 2)))
-    _, extents, roots = ellipses(axes, np.zeros((COUNT, 2)), random.uniform(0.0, np.pi, COUNT))
-    return 8.0 + random.uniform(-1.0, 1.0, (COUNT, 2)) * (extents + 12.0), extents, roots
+    _, extents, factors = ellipses(axes, np.zeros((COUNT, 2)), random.uniform(0.0, np.pi, COUNT))
+    return 8.0 + random.uniform(-1.0, 1.0, (COUNT, 2)) * (extents + 12.0), extents, factors
 
 
 def far_needles() -> Ellipses:
@@ -63,7 +63,7 @@ def far_needles() -> Ellipses:
     return ellipses(np.tile([3000.0, 0.3], (COUNT, 1)), centers, angle)
 
 
-def reached(blending: Blending, lanes: Lanes, x: int, y: int, *fields: np.ndarray) -> np.ndarray:
+def reached(blending: Blending, lanes: PixelLanes, x: int, y: int, *fields: np.ndarray) -> np.ndarray:
     """Which blocks each gaussian reaches, shape (N, blocks)."""
     vec2, vec3, *_ = types_of(blending.real)
     find = reached_function(blending, lanes)
@@ -74,12 +74,12 @@ def reached(blending: Blending, lanes: Lanes, x: int, y: int, *fields: np.ndarra
         y: int,
         centers: wp.array(dtype=vec2),
         extents: wp.array(dtype=vec2),
-        roots: wp.array(dtype=vec3),
+        factors: wp.array(dtype=vec3),
         # outputs
         bits: wp.array(dtype=int),
     ):
         i = wp.tid()
-        bits[i] = find(i, centers, extents, roots, x, y)
+        bits[i] = find(i, centers, extents, factors, x, y)
 
     arrays = [
         wp.array(field, dtype=dtype, device="cpu")
@@ -90,7 +90,7 @@ def reached(blending: Blending, lanes: Lanes, x: int, y: int, *fields: np.ndarra
     return (bits.numpy()[:, None] >> np.arange(lanes.blocks)) & 1 == 1
 
 
-def pixels(lanes: Lanes, x: int, y: int) -> np.ndarray:
+def pixels(lanes: PixelLanes, x: int, y: int) -> np.ndarray:
     """Centres of the pixels of each block, shape (blocks, pixels of a block, 2)."""
     block, lane = np.arange(lanes.blocks)[:, None], np.arange(lanes.size)[None]
     column = x + block % lanes.across * lanes.block_width + lane % lanes.block_width
@@ -103,14 +103,14 @@ def pixels(lanes: Lanes, x: int, y: int) -> np.ndarray:
 @pytest.mark.parametrize("scene", [all_sizes, far_needles])
 @pytest.mark.parametrize("x,y", [(0, 0), (4096, 8192)])
 def test_every_block_with_a_pixel_of_the_ellipse_is_reached(scene, lanes, precision, x, y):
-    centers, extents, roots = scene()
+    centers, extents, factors = scene()
     centers = centers + [x, y]
     if precision == "float32":
-        centers, extents, roots = (part.astype(np.float32) for part in (centers, extents, roots))
-    found = reached(Blending(precision=precision), lanes, x, y, centers, extents, roots)
+        centers, extents, factors = (part.astype(np.float32) for part in (centers, extents, factors))
+    found = reached(Blending(precision=precision), lanes, x, y, centers, extents, factors)
     d = centers.astype(float)[:, None, None] - pixels(lanes, x, y)
-    u = roots[:, 0, None, None] * d[..., 0] + roots[:, 1, None, None] * d[..., 1]
-    v = roots[:, 2, None, None] * d[..., 1]
+    u = factors[:, 0, None, None] * d[..., 0] + factors[:, 1, None, None] * d[..., 1]
+    v = factors[:, 2, None, None] * d[..., 1]
     hits = (u**2 + v**2 <= (1.0 - 1e-6) * LEVEL).any(-1)
     assert hits.mean() > 0.05 and (~hits).mean() > 0.1
     assert not (hits & ~found).any()
@@ -118,9 +118,9 @@ def test_every_block_with_a_pixel_of_the_ellipse_is_reached(scene, lanes, precis
 
 
 def test_a_gaussian_that_ends_at_its_box_reaches_by_its_box():
-    centers, extents, roots = (part.astype(np.float32) for part in all_sizes())
+    centers, extents, factors = (part.astype(np.float32) for part in all_sizes())
     extents *= 0.5
-    found = reached(Blending(boxed=True), CPU_LANES, 0, 0, centers, extents, roots)
+    found = reached(Blending(boxed=True), CPU_LANES, 0, 0, centers, extents, factors)
     offsets = np.abs(centers[:, None, None] - pixels(CPU_LANES, 0, 0))
     hits = (offsets <= extents[:, None, None]).all(-1).any(-1)
     assert 0.1 < hits.mean() < 0.9
