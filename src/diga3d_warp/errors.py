@@ -93,8 +93,8 @@ _ALLOCATION = re.compile(
     r"|can't start new thread|failed to map segment",
     re.IGNORECASE,
 )
-"""How numpy, torch, Warp, OpenCV, COLMAP and the loader of libraries say that there is no more memory; torch and
-Warp raise a plain RuntimeError."""
+"""How numpy, torch, Warp, OpenCV, COLMAP and the loader of libraries say that there is no more memory; torch
+and Warp raise a plain RuntimeError."""
 
 _AMOUNT = re.compile(r"allocate (\d+) bytes|allocate ([\d.]+ [KMGT]i?B)")
 

@@ -193,7 +193,7 @@ def test_an_unusable_checkpoint_is_noted_and_the_fit_begins_anew(
     spoil(checkpoint)
     notes: list[str] = []
     again = fit(start, targets, 1.0, SETTINGS, seed=3, checkpoint=checkpoint, note=notes.append)
-    assert notes == [f"{checkpoint} is {said}: that stage begins anew"]
+    assert notes == [f"{checkpoint} is {said}: that stage starts again"]
     assert same(again.gaussians, whole.gaussians)
 
 
