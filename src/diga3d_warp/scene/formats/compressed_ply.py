@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.formats.quantised import constant_harmonics, logits
+from diga3d_warp.scene.formats.quantised import OTHERS, constant_harmonics, logits
 from diga3d_warp.scene.formats.recognise import PACKED
 from diga3d_warp.scene.formats.rows import SplatContent, SplatRows
 from diga3d_warp.scene.formats.standard_ply import REST, REST_COUNTS, antialiased_by
@@ -84,9 +84,8 @@ def _unpacked_rotations(packed: np.ndarray) -> np.ndarray:
     smallest = (stored - 0.5) * np.sqrt(2)
     largest = np.sqrt(np.maximum(0.0, 1.0 - (smallest**2).sum(axis=1)))
     place = (packed >> 30).astype(np.intp)
-    slots = np.array([[k for k in range(4) if k != left_out] for left_out in range(4)])[place]
     quaternions = np.empty((len(packed), 4), np.float32)
-    np.put_along_axis(quaternions, slots, smallest.astype(np.float32), axis=1)
+    np.put_along_axis(quaternions, OTHERS[place], smallest.astype(np.float32), axis=1)
     np.put_along_axis(quaternions, place[:, None], largest.astype(np.float32)[:, None], axis=1)
     return quaternions
 

@@ -10,6 +10,10 @@ END_STEPS = 0.25
 """How far an opacity of 0 or 255 is taken from the end of the range [steps]: its logit would be infinite."""
 
 
+OTHERS = np.array([[k for k in range(4) if k != place] for place in range(4)])
+"""Places of the three components of a quaternion that are stored, by the place of the largest."""
+
+
 def logits(opacities: np.ndarray) -> np.ndarray:
     """Logits of opacities stored as 0 to 255, float32."""
     share = opacities.astype(np.float64).clip(END_STEPS, 255 - END_STEPS) / 255

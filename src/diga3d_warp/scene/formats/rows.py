@@ -42,6 +42,19 @@ class SplatRows:
         return np.rint(shades.clip(0, 1) * 255).astype(np.uint8)
 
 
+@dataclass(frozen=True)
+class Announced:
+    """What the header of a splat file announces.
+
+    Attributes:
+        count: Number of gaussians.
+        antialiased: Whether they were fitted with Mip-Splatting's 2D filter.
+    """
+
+    count: int
+    antialiased: bool
+
+
 @dataclass(frozen=True, eq=False)
 class SplatContent:
     """What a splat file held.

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import zipfile
 import zlib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.decoding import read_header
+from diga3d_warp.scene.formats.rows import Announced
 
 META = "meta.json"
 CODEBOOK = 256
@@ -21,20 +21,7 @@ _PREFIX = 1 << 16  # bytes of an image in which its size stands
 _LAYERS = ("means", "scales", "quats", "sh0", "shN")
 
 
-@dataclass(frozen=True)
-class SogHeader:
-    """What a .sog announces.
-
-    Attributes:
-        count: Number of gaussians.
-        antialiased: Whether they were fitted with Mip-Splatting's 2D filter.
-    """
-
-    count: int
-    antialiased: bool
-
-
-def read_sog_header(path: Path) -> SogHeader:
+def read_sog_header(path: Path) -> Announced:
     """Read what a .sog announces, and check that its images are there and large enough.
 
     Raises:
@@ -56,7 +43,7 @@ def read_sog_header(path: Path) -> SogHeader:
         ) from error
 
 
-def _checked(meta: Any, archive: zipfile.ZipFile, path: Path) -> SogHeader:
+def _checked(meta: Any, archive: zipfile.ZipFile, path: Path) -> Announced:
     if not isinstance(meta, dict):
         raise ValueError(f"{META} is no object")
     if (version := meta.get("version", 1)) != 2:
@@ -73,4 +60,4 @@ def _checked(meta: Any, archive: zipfile.ZipFile, path: Path) -> SogHeader:
                 width, height, _ = read_header(file.read(_PREFIX), f"{path}: {name}")
             if width * height < count and not name.startswith("shN_centroids"):
                 raise ValueError(f"{name} has {width} x {height} px for {count} gaussians")
-    return SogHeader(count, meta.get("model") == "antialiased" or meta.get("antialias") is True)
+    return Announced(count, meta.get("model") == "antialiased" or meta.get("antialias") is True)

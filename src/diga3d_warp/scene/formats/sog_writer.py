@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from diga3d_warp.scene.formats.codebooks import scalar_codebook, vector_codebook
-from diga3d_warp.scene.formats.quantised import bytes_of_logits
+from diga3d_warp.scene.formats.quantised import OTHERS, bytes_of_logits
 from diga3d_warp.scene.formats.rows import SplatRows
 from diga3d_warp.scene.formats.sog import CODEBOOK, META
 
@@ -83,8 +83,7 @@ def _smallest_three(quaternions: np.ndarray) -> np.ndarray:
     """The three smallest components and 252 plus the place of the largest, shape (N, 4), uint8."""
     place = np.abs(quaternions).argmax(axis=1)
     signed = quaternions * np.where(np.take_along_axis(quaternions, place[:, None], axis=1) < 0, -1.0, 1.0)
-    slots = np.array([[k for k in range(4) if k != left_out] for left_out in range(4)])[place]
-    smallest = np.take_along_axis(signed, slots, axis=1) * math.sqrt(2)
+    smallest = np.take_along_axis(signed, OTHERS[place], axis=1) * math.sqrt(2)
     codes = np.rint((smallest * 0.5 + 0.5).clip(0, 1) * 255)
     return np.column_stack([codes, 252 + place]).astype(np.uint8)
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import dataclass
 from pathlib import Path
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.scene.formats.rows import Announced
 
 _MAGIC = b"NGSP"
 _GZIP = b"\x1f\x8b"
@@ -24,20 +24,7 @@ _DEFLATE_MOST = 1032  # bytes that one compressed byte can stand for
 _PREFIX = 1 << 16
 
 
-@dataclass(frozen=True)
-class SpzHeader:
-    """What an .spz announces.
-
-    Attributes:
-        count: Number of gaussians.
-        antialiased: Whether they were fitted with Mip-Splatting's 2D filter.
-    """
-
-    count: int
-    antialiased: bool
-
-
-def read_spz_header(path: Path) -> SpzHeader:
+def read_spz_header(path: Path) -> Announced:
     """Read the header of an .spz.
 
     Raises:
@@ -61,7 +48,7 @@ def read_spz_header(path: Path) -> SpzHeader:
         raise InputError(f"{path}: version {version} of .spz is not known; export it as a .ply")
     if zipped and count * _LEAST > path.stat().st_size * _DEFLATE_MOST:
         raise InputError(f"{path}: cut short or damaged: too small for {count} gaussians; export it again")
-    return SpzHeader(count, bool(flags & _ANTIALIASED))
+    return Announced(count, bool(flags & _ANTIALIASED))
 
 
 def with_antialiased(data: bytes) -> bytes:
