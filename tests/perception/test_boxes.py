@@ -83,8 +83,13 @@ def test_boxes_that_cannot_be_used(scene, boxes, said):
 
 
 def test_boxes_are_found_by_the_names_of_files_and_views(scene):
-    found = find_boxed([Box("a.jpg", 0, 0, 160, 120), Box("c", 1, 2, 3, 4)], scene)
+    found = find_boxed([Box("a.jpg", 0, 0, 110, 120), Box("c", 1, 2, 3, 4)], scene)
     assert list(found.boxes) == ["a", "c"] and found.notes == []
+
+
+def test_a_box_over_most_of_a_view_is_noted(scene):
+    (note,) = find_boxed([Box("a", 0, 0, 160, 120)], scene).notes
+    assert note.startswith("mask box 0 0 160 120 covers most of view a: the object is what stands out")
 
 
 @pytest.mark.parametrize("orientation", range(2, 9))

@@ -18,6 +18,10 @@ BOXES_MOST = 3
 """Boxes of a run: one shows the object, two more from other sides show its back."""
 
 
+WIDE = 0.7
+"""Part of a view from which on a box is noted: it holds little else to compare the object with."""
+
+
 @dataclass(frozen=True)
 class Box:
     """A box around the object in one view.
@@ -85,7 +89,7 @@ class Boxed(NamedTuple):
 
     Attributes:
         boxes: By the name of their view, on its pixels.
-        notes: How boxes of views that viewers turn were read, one line each.
+        notes: How boxes were read that say little, or are of views that viewers turn, one line each.
     """
 
     boxes: dict[str, Box]
@@ -133,6 +137,11 @@ def find_boxed(boxes: Sequence[Box], scene: Scene) -> Boxed:
             notes.append(
                 f"view {name} is kept as it is stored, not turned as EXIF says; mask box {edges} is taken "
                 f"for one of the photograph as {meant}"
+            )
+        if (box.right - box.left) * (box.bottom - box.top) > WIDE * height * width:
+            notes.append(
+                f"mask box {edges} covers most of view {name}: the object is what stands out in its middle, "
+                "as the mask sheet shows; a closer box finds it better"
             )
     return Boxed(found, notes)
 

@@ -7,18 +7,21 @@ and the photograph over any other colour follows from the two.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from threading import Condition
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import to_bytes
 from diga3d_warp.scene.decoding import LIMITS, decode, read_bytes, read_header, turned
+
+T = TypeVar("T")
 
 _TIFF = (b"II*\0", b"MM\0*")
 _FINE = 65535  # composed colours are kept in 16 bits until they are averaged
@@ -219,23 +222,35 @@ def check_memory(wanted: Sequence[Wanted]) -> None:
 
 
 def read_photographs(wanted: Sequence[Wanted], progress: bool) -> Iterator[Photograph | InputError]:
-    """Read and resize images on all cores, in order; what could not be read is yielded as its error.
+    """Read and resize images on all cores, in order; what could not be read is yielded as its error."""
+    reads = [(one.file, partial(read_photograph, *one)) for one in wanted]
+    return read_in_parallel(reads, "reading images", progress)
 
-    Few large images are decoded at the same time: see `DecodingLimits.at_once`.
+
+def read_in_parallel(
+    reads: Sequence[tuple[Path, Callable[[], T]]], label: str, progress: bool
+) -> Iterator[T | InputError]:
+    """Results of functions that each decode one image, in order; of one that raises InputError the error.
+
+    They run on all cores, but few large images are decoded at the same time: see `DecodingLimits.at_once`.
+
+    Args:
+        reads: Image files, and what reads them.
+        label: What a progress bar says.
+        progress: Show it.
     """
     from tqdm import tqdm
 
     room = _Room(LIMITS.at_once)
 
-    def read(one: Wanted) -> Photograph | InputError:
+    def run(one: tuple[Path, Callable[[], T]]) -> T | InputError:
+        file, read = one
         try:
-            header = read_header(one.file)
+            header = read_header(file)
             with room.of(header.width * header.height):
-                return read_photograph(*one)
+                return read()
         except InputError as error:
             return error
 
     with ThreadPoolExecutor() as pool:
-        yield from tqdm(
-            pool.map(read, wanted), "reading images", len(wanted), disable=not progress, leave=False
-        )
+        yield from tqdm(pool.map(run, reads), label, len(reads), disable=not progress, leave=False)

@@ -134,7 +134,7 @@ def load_scene(
         notes.append("the held-out views may be among those that the given splat was trained on")
     names = view_names(list(views))
     views = {key: replace(view, name=names[key]) for key, view in views.items()}
-    masked = mask_views(views, mask_files, mask_ids, turns.masks(views), test_keys)
+    masked = mask_views(views, mask_files, mask_ids, turns.masks(views), test_keys, progress)
     notes += masked.notes
     train, test = (
         [masked.views[key] for key in views if (key in test_keys) == held] for held in (False, True)

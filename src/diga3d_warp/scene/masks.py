@@ -10,6 +10,7 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,8 @@ import numpy as np
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.decoding import turned
 from diga3d_warp.scene.folders import image_files
-from diga3d_warp.scene.labels import read_labels
+from diga3d_warp.scene.images import read_in_parallel
+from diga3d_warp.scene.labels import Labels, read_labels
 from diga3d_warp.scene.mask_objects import object_masks
 from diga3d_warp.scene.names import image_key, listed
 from diga3d_warp.scene.orientation import masks_turned
@@ -231,6 +233,7 @@ def mask_views(
     ids: Sequence[int],
     turns: Mapping[str, int],
     test: frozenset[str],
+    progress: bool = False,
 ) -> Masked:
     """Views with the masks that were found and tell where the object is; without any if they do not.
 
@@ -240,6 +243,7 @@ def mask_views(
         ids: Numbers of the objects that are meant; all if empty.
         turns: Of views with an EXIF orientation, the one to turn a mask by that is not turned as its view is.
         test: Keys of the views that are held out.
+        progress: Show progress on the terminal.
 
     Raises:
         InputError: ids are given, and no mask holds one of them, or masks are of no use.
@@ -251,11 +255,7 @@ def mask_views(
             )
         return _without_masks(views, found.notes, found.problem)
     try:
-        labels = {
-            key: read_labels(file, views[key].camera.width, views[key].camera.height, turns.get(key, 1))
-            for key, file in found.files.items()
-        }
-        masks, said = object_masks(labels, ids)
+        masks, said = object_masks(_labels(views, found.files, turns, progress), ids)
     except InputError as error:
         if ids:
             raise
@@ -270,6 +270,26 @@ def mask_views(
     masked |= dict(zip(train, kept, strict=True))
     notes = [*found.notes, *said, *turned_notes, *judged]
     return Masked(masked, [*notes, *_unused(problem)], problem)
+
+
+def _labels(
+    views: Mapping[str, View], files: Mapping[str, Path], turns: Mapping[str, int], progress: bool
+) -> dict[str, Labels]:
+    """Labels of masks at the sizes of their views.
+
+    Raises:
+        InputError: one cannot be read.
+    """
+    reads = []
+    for key, file in files.items():
+        camera = views[key].camera
+        reads.append((file, partial(read_labels, file, camera.width, camera.height, turns.get(key, 1))))
+    labels = {}
+    for key, found in zip(files, read_in_parallel(reads, "reading masks", progress), strict=True):
+        if isinstance(found, InputError):
+            raise found
+        labels[key] = found
+    return labels
 
 
 def _without_masks(views: Mapping[str, View], notes: Sequence[str], problem: str | None) -> Masked:
