@@ -59,12 +59,6 @@ class WorkingFrame:
         pose[:3, 3] = pose[:3, 3] / self.unit
         return moved.with_pose(pose).with_near(SPLATTING.near)
 
-    def user_camera(self, camera: Camera) -> Camera:
-        """A camera in the user's world, from one in working units."""
-        pose = camera.world_to_camera.clone()
-        pose[:3, 3] = pose[:3, 3] * self.unit
-        return camera.with_pose(pose).relative_to(-self.origin).with_near(camera.near * self.unit)
-
     def working_scene(self, scene: Scene) -> Scene:
         """A capture in working units. Its splat stays a file in the user's world."""
         points = Points(self.to_working(scene.points.positions), scene.points.colors)
