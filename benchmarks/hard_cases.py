@@ -396,7 +396,7 @@ CASES = (
         (
             Guard(GAUSSIAN_LANES, "CPU_LANES = GaussianLanes(POSE_GROUP, 16)",
                 "CPU_LANES = GaussianLanes(POSE_GROUP // 8, 16)",
-                "kernels/test_projection.py::test_bits_do_not_depend_on_the_number_of_threads"),
+                "hard_cases/test_threads.py::test_bits_do_not_depend_on_which_part_runs_first"),
         ),
         ("config.POSE_GROUP",),
     ),
