@@ -1,6 +1,7 @@
 """The doctor: all well on the machine that runs the tests, and each trouble told with its remedy."""
 
 import sys
+from importlib.metadata import requires
 from pathlib import Path
 
 import cv2
@@ -22,7 +23,14 @@ def test_this_machine_is_well(capsys):
 
 @pytest.mark.parametrize(
     ("found", "state"),
-    [("1.18.2", "fail"), ("1.19", "ok"), ("1.19.0+cpu", "ok"), ("1.100", "ok"), (None, "fail")],
+    [
+        ("1.18.2", "fail"),
+        ("1.19", "ok"),
+        ("1.19.0+cpu", "ok"),
+        ("1.99.5", "ok"),
+        ("2.0", "fail"),
+        (None, "fail"),
+    ],
 )
 def test_versions(monkeypatch, found, state):
     def version(name):
@@ -30,11 +38,17 @@ def test_versions(monkeypatch, found, state):
             raise doctor.PackageNotFoundError(name)
         return found
 
-    monkeypatch.setattr(doctor, "requires", lambda name: ["warp-lang>=1.19", 'ruff>=1; extra == "dev"'])
+    monkeypatch.setattr(doctor, "requires", lambda name: ["warp-lang<2,>=1.19", 'ruff>=1; extra == "dev"'])
     monkeypatch.setattr(doctor, "version", version)
     (check,) = doctor.check_packages()
     assert check.state == state
-    assert ("pip install 'warp-lang>=1.19'" in check.line) == (state == "fail")
+    assert ("pip install 'warp-lang<2,>=1.19'" in check.line) == (state == "fail")
+
+
+def test_every_required_package_is_checked():
+    """However its versions are bound."""
+    needed = [line for line in requires("diga3d-warp") if ";" not in line]
+    assert len(list(doctor.check_packages())) == len(needed) > 5
 
 
 def test_missing_package_stops_what_needs_it(monkeypatch, capsys):

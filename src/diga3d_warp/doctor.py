@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 import tempfile
 import time
@@ -11,6 +10,8 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Literal
+
+from packaging.requirements import Requirement
 
 from diga3d_warp.pipelines.machine import MIB, available_mib, core_count, describe_machine
 
@@ -82,21 +83,21 @@ def checks() -> Iterator[Check]:
 
 
 def check_packages() -> Iterator[Check]:
-    """Each package that this one requires: present, and new enough."""
-    for requirement in requires("diga3d-warp") or []:
-        needed = re.fullmatch(r"([\w.-]+)>=([\d.]+)", requirement)
-        if needed is None:  # an extra, which nothing here depends on
-            continue
-        name, least = needed.groups()
+    """Each package that this one requires: present, and of a version that suits."""
+    for line in requires("diga3d-warp") or []:
+        needed = Requirement(line)
+        if needed.marker is not None and not needed.marker.evaluate({"extra": ""}):
+            continue  # an extra, which nothing here depends on
+        remedy = f"pip install '{needed.name}{needed.specifier}'"
         try:
-            found = version(name)
+            found = version(needed.name)
         except PackageNotFoundError:
-            yield Check("fail", f"{name} is missing: pip install '{name}>={least}'")
+            yield Check("fail", f"{needed.name} is missing: {remedy}")
             continue
-        if _numbers(found) < _numbers(least):
-            yield Check("fail", f"{name} {found} is too old: pip install '{name}>={least}'")
+        if needed.specifier.contains(found, prereleases=True):
+            yield Check("ok", f"{needed.name} {found}")
         else:
-            yield Check("ok", f"{name} {found}")
+            yield Check("fail", f"{needed.name} {found} does not suit: {remedy}")
 
 
 def check_memory(available: int, needed: int) -> Check:
@@ -188,9 +189,3 @@ def check_video() -> Check:
             "warn", f"OpenCV cannot write {', '.join(lacking)}: render to a folder of frames instead"
         )
     return Check("ok", f"videos can be written: {', '.join(CODECS)}")
-
-
-def _numbers(text: str) -> tuple[int, ...]:
-    """The leading numbers of a version: 2.11.0+cpu is (2, 11, 0)."""
-    leading = re.match(r"\d+(\.\d+)*", text)
-    return tuple(int(part) for part in leading[0].split(".")) if leading else ()
