@@ -63,10 +63,15 @@ sys.exit(cli.main(["fit", "my scene", "--out", "run"]))
 """
 
 
-def start(where: str, **options) -> subprocess.Popen:
+def attend_to_interrupts() -> None:
+    """A test run in the background of a shell hands down that SIGINT is ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def start(where: str, preexec_fn=attend_to_interrupts) -> subprocess.Popen:
     process = subprocess.Popen(
         [sys.executable, "-c", PROGRAM, where],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=preexec_fn,
     )  # fmt: skip
     assert process.stdout is not None and process.stdout.readline() == "ready\n", process.communicate()
     return process
