@@ -57,6 +57,26 @@ def test_missing_package_stops_what_needs_it(monkeypatch, capsys):
     assert "Warp on" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("simd", "target", "said"),
+    [
+        ({"AVX2", "AVX512F"}, None, "use AVX-512"),
+        ({"SSE2", "AVX2"}, "", "use AVX2: slower than AVX-512"),
+        ({"NEON", "ASIMD"}, None, "slower than AVX2 and AVX-512"),
+        ({"AVX2"}, "x86-64-v3", "compiled for x86-64-v3 (DIGA3D_CPU)"),
+    ],
+)
+def test_what_slows_kernels_is_said(simd, target, said):
+    check = doctor.check_vectors(simd, target)
+    assert check.state == "ok" and said in check.line
+
+
+@pytest.mark.parametrize("system", ["linux", "darwin", "win32"])
+def test_what_is_slower_on_other_systems_is_said(system):
+    check = doctor.check_memory_kept(system)
+    assert check.state == "ok" and ("slower than on Linux" in check.line) == (system != "linux")
+
+
 def test_little_room_is_a_warning():
     assert doctor.check_memory(100, 4096).state == "warn"
     assert doctor.check_memory(5000, 4096).state == "ok"

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
@@ -13,6 +15,7 @@ from typing import Literal
 
 from packaging.requirements import Requirement
 
+from diga3d_warp.kernels.processor import TARGET_VARIABLE, simd_of_machine
 from diga3d_warp.pipelines.machine import MIB, available_mib, core_count, describe_machine
 
 State = Literal["ok", "warn", "fail"]
@@ -76,6 +79,8 @@ def checks() -> Iterator[Check]:
     yield check_disk(Path.cwd(), NEEDS.disk_mib)
     if any(check.state == "fail" for check in packages):
         return
+    yield check_vectors(simd_of_machine(), os.environ.get(TARGET_VARIABLE))
+    yield check_memory_kept(sys.platform)
     yield from check_kernels()
     yield check_cores()
     yield check_shift_map()
@@ -113,6 +118,33 @@ def check_disk(folder: Path, needed: int) -> Check:
     free = shutil.disk_usage(folder).free // MIB
     line = f"{free / 1024:.1f} GiB of disk free in {folder}"
     return Check("warn", f"{line}: make room for runs") if free < needed else Check("ok", line)
+
+
+def check_vectors(simd: Collection[str], target: str | None = None) -> Check:
+    """Which vector instructions kernels use, and what is slower for want of others.
+
+    Args:
+        simd: Of the processor, as `kernels.processor.simd_of_machine` gives them.
+        target: Another processor that kernels are compiled for; None or "" for this one.
+    """
+    if target:
+        return Check("ok", f"kernels are compiled for {target} ({TARGET_VARIABLE}), not for this processor")
+    if "AVX512F" in simd:
+        return Check("ok", "kernels use AVX-512")
+    if "AVX2" in simd:
+        return Check("ok", "kernels use AVX2: slower than AVX-512, with half as many numbers at a time")
+    return Check("ok", "kernels use vectors of 128 bits: slower than AVX2 and AVX-512")
+
+
+def check_memory_kept(system: str) -> Check:
+    """Whether freed memory stays with the process (`process.tune_process`) on a system, by `sys.platform`."""
+    if system == "linux":
+        return Check("ok", "freed memory is kept for the next image")
+    return Check(
+        "ok",
+        "freed memory goes back to the system, which makes work on images slower than on Linux; "
+        "peak memory counts from the start of a run, not of a stage",
+    )
 
 
 def check_kernels() -> Iterator[Check]:

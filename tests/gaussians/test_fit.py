@@ -370,6 +370,24 @@ def test_what_no_image_ever_shows_is_moved_to_where_images_pull(with_outsiders, 
     assert visible[~held].all()
 
 
+def test_pulls_are_means_over_the_images_that_show_a_gaussian(start, targets, monkeypatch):
+    """Over all images, a gaussian that few of them show would seem to need no company."""
+    pulls = []
+
+    def watch(optimiser, wanted, pull, *others):
+        pulls.append(pull)
+        return torch.zeros(0, dtype=torch.int64)
+
+    monkeypatch.setattr(fitting, "relocate_and_grow", watch)
+    fitting_ = fitting._Fit(start, targets, 1.0, SETTINGS, 0, None)
+    for shown in ((), range(10)):
+        visible = torch.zeros(len(start), dtype=torch.bool)
+        visible[list(shown)] = True
+        fitting_._note(torch.where(visible, 3.0, 0.0), visible)
+    fitting_._control_density(0.1, 0.0)
+    assert pulls[0].tolist() == [3.0] * 10 + [0.0] * (len(start) - 10)
+
+
 def test_no_gaussian_counts_as_unseen_before_every_image_had_its_turn(start, targets):
     fitting_ = fitting._Fit(start, targets, 1.0, SETTINGS, 0, None)
     fitting_.last_shown[:] = 0
