@@ -14,6 +14,7 @@ from diga3d_warp.process import load_pycolmap
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.capture import Capture, Shot
 from diga3d_warp.scene.colmap_files import find_file, read_cameras, read_images, read_points
+from diga3d_warp.scene.colmap_lens import colmap_lens
 from diga3d_warp.scene.folders import walk
 from diga3d_warp.scene.image_names import name_images
 from diga3d_warp.scene.names import listed
@@ -120,18 +121,6 @@ def read_colmap(root: Path, reconstruction: Path) -> Capture:
     points_file = find_file(reconstruction, "points3D")
     points, notes = read_points(points_file) if points_file else (None, [])
     return Capture("colmap", shots, named.folders, points, [*named.notes, *notes])
-
-
-def colmap_lens(camera: Camera) -> tuple[str, list[float]]:
-    """COLMAP's name and parameters of a camera's lens: PINHOLE, OPENCV, FULL_OPENCV or OPENCV_FISHEYE."""
-    focal_and_center = [camera.fx, camera.fy, camera.cx, camera.cy]
-    lens = camera.distortion
-    if lens is None:
-        return "PINHOLE", focal_and_center
-    if lens.kind == "brown5":
-        return "FULL_OPENCV", [*focal_and_center, *lens.coefficients, 0.0, 0.0, 0.0]
-    model = "OPENCV" if lens.kind == "brown" else "OPENCV_FISHEYE"
-    return model, [*focal_and_center, *lens.coefficients]
 
 
 def posed_reconstruction(cameras: Mapping[str, Camera]) -> pycolmap.Reconstruction:

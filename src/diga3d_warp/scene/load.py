@@ -15,6 +15,8 @@ from diga3d_warp.scene.calibration import calibration_notes, check_sizes, fits
 from diga3d_warp.scene.capture import Capture, Shot
 from diga3d_warp.scene.colmap import read_colmap
 from diga3d_warp.scene.formats.read import read_splat_points
+from diga3d_warp.scene.frame_check import check_frame, likely_poses
+from diga3d_warp.scene.frame_suspects import CONVENTIONS
 from diga3d_warp.scene.images import Photograph, Wanted, check_memory, read_photograph, read_photographs
 from diga3d_warp.scene.llff import read_llff
 from diga3d_warp.scene.masks import find_masks, mask_views
@@ -125,10 +127,12 @@ def load_scene(
         notes.append(note)
     views, turns, points, said = _with_points(views, turns, given, test_keys, progress)
     notes += said
-    if not len(points):
-        raise InputError(
-            f"{root}: no sparse points, and none could be triangulated; check that poses and images match"
-        )
+    seen = {key: view for key, view in views.items() if key not in test_keys}
+    if given is None or not len(given):
+        _check_triangulated(seen, points, found, progress)
+    elif found.kind in CONVENTIONS:  # else poses and points are our own
+        name = "the sparse points" if found.splat is None else f"the gaussians of {found.splat.name}"
+        notes += check_frame(seen, points, _pose_source(found), name, CONVENTIONS[found.kind])
     may_be_seen = found.splat is not None and held_out is None and bool(test_keys)
     if may_be_seen:
         notes.append("the held-out views may be among those that the given splat was trained on")
@@ -236,6 +240,34 @@ def _with_points(
         notes.append(f"the capture has no sparse points: triangulated {len(points)}")
     notes += turn_notes(turns, better)
     return upright if better else views, turns.settled(bool(better)), points, notes
+
+
+def _check_triangulated(views: Mapping[str, View], points: Points, found: Recognised, progress: bool) -> None:
+    """Refuse poses under which photographs agree in no points, or in far fewer than after a usual correction.
+
+    Raises:
+        InputError: they do.
+    """
+
+    def count(changed: Mapping[str, View]) -> int:
+        return len(_triangulate(changed, frozenset(), progress))
+
+    suspect = likely_poses(views, len(points), count)
+    if suspect is not None:
+        raise InputError(
+            f"{_pose_source(found)}: the poses do not fit the photographs, {len(points)} points agree; they "
+            f"fit if {suspect.fault}; {CONVENTIONS[found.kind]}"
+        )
+    if not len(points):
+        raise InputError(
+            f"{found.root}: no sparse points, and none could be triangulated; check that poses and images "
+            "match"
+        )
+
+
+def _pose_source(found: Recognised) -> Path:
+    """What to name in an error about poses: their file or folder if there is one, or else the capture."""
+    return found.poses[0] if len(found.poses) == 1 else found.root
 
 
 def _triangulate(views: Mapping[str, View], test: frozenset[str], progress: bool) -> Points:

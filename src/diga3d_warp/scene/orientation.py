@@ -21,6 +21,7 @@ from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.decoding import Header, read_header, turned
 from diga3d_warp.scene.names import listed
 from diga3d_warp.scene.scene import Points, View
+from diga3d_warp.scene.visible_points import visible_points
 
 
 @dataclass(frozen=True)
@@ -188,14 +189,9 @@ def turn_notes(turns: Turns, better: bool | None) -> list[str]:
 
 def _color_difference(view: View, points: Points) -> float:
     """Mean difference of the colours of points and of the pixels that they project to [levels]."""
-    camera = view.camera
-    pose = np.asarray(camera.pose, np.float64)
-    local = points.positions @ pose[:3, :3].T + pose[:3, 3]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        place = local[:, :2] / local[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
-    seen = (local[:, 2] > 0) & (place >= 0).all(axis=1) & (place < [camera.width, camera.height]).all(axis=1)
-    column, row = place[seen].astype(int).T
-    difference = np.abs(view.pixels[row, column].astype(np.float64) - points.colors[seen])
+    visible = visible_points(view.camera, points.positions)
+    column, row = visible.place.astype(int).T
+    difference = np.abs(view.pixels[row, column].astype(np.float64) - points.colors[visible.index])
     return float(difference.mean()) if len(difference) else 0.0
 
 
