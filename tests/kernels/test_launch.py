@@ -1,6 +1,9 @@
 """Launches cut into ranges: from several Python threads, after a fork, and by the internals of Warp."""
 
+import multiprocessing
+import multiprocessing.connection
 import os
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -18,6 +21,12 @@ from scenes import camera_at, random_gaussians
 COUNT = 3 * POSE_GROUP + 17
 PATIENCE = 120.0
 """Seconds after which a test takes a process for hung: a hundred times what it needs on a quiet machine."""
+
+
+@wp.kernel(module="unique", module_options=OPTIONS)
+def index_of(offset: int, indices: wp.array(dtype=int)):
+    i = wp.tid() + offset
+    indices[i] = i
 
 
 class Pictures(torch.utils.data.Dataset):
@@ -42,6 +51,58 @@ def test_the_worker_of_a_data_loader_renders(threads):
     assert all(picture.std() > 0.05 for picture in here)
     assert all(torch.equal(a, b) for a, b in zip(here, there, strict=True))
     assert torch.equal(Pictures()[0], here[0]), "the parent goes on"
+
+
+def threads_at_work(answer: multiprocessing.connection.Connection) -> None:
+    """Launch, and send how many threads took part."""
+    parts: set[int] = set()
+    gate = threading.Barrier(3)
+
+    def work() -> None:
+        gate.wait(PATIENCE)
+        parts.add(threading.get_ident())
+
+    indices = wp.zeros(10_000, dtype=int, device="cpu")
+    launch(index_of, 10_000, [], [indices], device="cpu")
+    launching._workers.run(work)
+    answer.send((len(parts), indices.numpy().tolist() == list(range(10_000))))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+def test_a_fork_amid_a_launch_leaves_the_child_all_of_its_threads(threads):
+    """Locks that another thread holds at that moment stay locked in the child, and the threads are gone."""
+    threads(3)
+    launch(index_of, 10_000, [], [wp.zeros(10_000, dtype=int, device="cpu")], device="cpu")
+    here, there = multiprocessing.Pipe()
+    child = multiprocessing.get_context("fork").Process(target=threads_at_work, args=(there,))
+    with launching._recording, launching._workers._lock:
+        child.start()
+    try:
+        assert here.poll(PATIENCE / 4), "the child hangs"
+        assert here.recv() == (3, True)
+    finally:
+        child.kill()
+
+
+def test_one_launch_is_recorded_at_a_time(threads, monkeypatch):
+    """Warp loads modules, and compiles them, while it records."""
+    threads(2)
+    record, inside = wp.launch, []
+
+    def watched(*arguments, **options):
+        inside.append(1)
+        assert len(inside) == 1
+        time.sleep(0.01)
+        recorded = record(*arguments, **options)
+        inside.pop()
+        return recorded
+
+    monkeypatch.setattr(wp, "launch", watched)
+    arrays = [wp.zeros(10_000, dtype=int, device="cpu") for _ in range(6)]
+    with ThreadPoolExecutor(6) as pool:
+        list(pool.map(lambda array: launch(index_of, 10_000, [], [array], device="cpu"), arrays))
+    assert all(array.numpy()[-1] == 9_999 for array in arrays)
 
 
 def test_launches_from_several_threads_give_the_same_bytes_while_their_number_changes(threads):
@@ -72,12 +133,6 @@ def test_the_number_of_threads_is_at_least_one(threads):
     with pytest.raises(ValueError, match="at least 1"):
         set_thread_count(0)
     assert thread_count() == 2
-
-
-@wp.kernel(module="unique", module_options=OPTIONS)
-def index_of(offset: int, indices: wp.array(dtype=int)):
-    i = wp.tid() + offset
-    indices[i] = i
 
 
 def test_an_error_in_a_range_reaches_the_caller_and_the_next_launch_works(threads, monkeypatch):
