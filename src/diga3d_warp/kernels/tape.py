@@ -16,10 +16,10 @@ Invariants
 - Launches inside use all threads and are not recorded themselves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
+from typing import Any
 
 import warp as wp
 
@@ -36,6 +36,7 @@ from diga3d_warp.kernels import ssim as similarity
 from diga3d_warp.kernels.binning import bin_gaussians
 from diga3d_warp.kernels.blending import Blending
 from diga3d_warp.kernels.footprint import Projecting
+from diga3d_warp.kernels.launch import OPTIONS, launch
 from diga3d_warp.kernels.precision import types_of
 from diga3d_warp.kernels.projection import Lens, Parameters
 from diga3d_warp.kernels.splats import BlendGradients, Images, Splats
@@ -241,6 +242,23 @@ def _record(tape: wp.Tape, adjoint: Callable[[], None], arrays: Sequence[wp.arra
     tape.record_func(adjoint, [array for array in arrays if array.requires_grad and array.size > 0])
 
 
+@cache
+def add_kernel(real: Any) -> wp.Kernel:
+    """The kernel that adds an array of numbers of a type to another."""
+
+    @wp.kernel(module="unique", module_options=OPTIONS)
+    def add(
+        offset: int,
+        more: wp.array(dtype=real),
+        # outputs
+        sums: wp.array(dtype=real),
+    ):
+        cell = wp.tid() + offset
+        sums[cell] = sums[cell] + more[cell]
+
+    return add
+
+
 @contextmanager
 def _added_to(arrays: Sequence[wp.array]) -> Iterator[list[wp.array | None]]:
     """Where an adjoint that writes may write, added to the gradients after; None for an input without one."""
@@ -248,7 +266,8 @@ def _added_to(arrays: Sequence[wp.array]) -> Iterator[list[wp.array | None]]:
     yield written
     for array, gradient in zip(arrays, written, strict=True):
         if gradient is not None:
-            wp.map(wp.add, array.grad, gradient, out=array.grad)
+            more, sums = _flat(gradient), _flat(array.grad)
+            launch(add_kernel(sums.dtype), sums.size, [more], [sums], device=array.device)
 
 
 def _gradient(array: wp.array) -> wp.array:
@@ -261,7 +280,8 @@ def _clear(outputs: Sequence[wp.array]) -> None:
         array.grad.zero_()
 
 
-def _flat(vectors: wp.array) -> wp.array:
-    """The numbers of a contiguous array of 3-vectors, not copied: use them while `vectors` lives."""
-    real = vectors.dtype._wp_scalar_type_
-    return wp.array(ptr=vectors.ptr, shape=3 * vectors.size, dtype=real, device=vectors.device)
+def _flat(array: wp.array) -> wp.array:
+    """The numbers of a contiguous array of any shape, not copied: use them while `array` lives."""
+    real = getattr(array.dtype, "_wp_scalar_type_", array.dtype)
+    count = array.size * getattr(array.dtype, "_length_", 1)
+    return wp.array(ptr=array.ptr, shape=count, dtype=real, device=array.device)
