@@ -148,13 +148,35 @@ def test_what_is_not_followed_is_said(prompt, notes):
         "not wood", "no wood", "Not WOOD.", "marble, without veins", "anything but gold", "it isn't wood",
         "it isn\u2019t wood", "non-wood", "wood-free", "free of wood", "steel instead of wood",
         "neither wood nor gold", "except marble", "don't use wood", "rather marble than wood",
-        "other than wood",
+        "other than wood", "hardly wood", "kein Gold",
     ],
 )  # fmt: skip
 def test_a_prompt_that_denies_is_refused(prompt):
     with pytest.raises(InputError, match="name the material that is wanted, not one that is not") as caught:
         material_of(prompt)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("prompt", "material", "unused"),
+    [
+        ("turn wood into marble", "marble", "'wood'"),
+        ("replace the red oak with green marble", "marble", "'red', 'oak'"),
+        ("from gold to steel", "steel", "'gold'"),
+        ("wood turned to gold", "gold", "'wood'"),
+        ("Change it to gold, on a table", "gold", "'table'"),
+    ],
+)
+def test_of_a_change_only_what_is_wanted_counts(prompt, material, unused):
+    reading = read_prompt(prompt)
+    assert reading.material is not None and reading.material.name == material
+    assert reading.notes == (f"not used of the prompt: {unused}",)
+
+
+def test_a_change_into_something_unknown_is_refused():
+    with pytest.raises(InputError, match="'turn wood into kryptonite' names no built-in material"):
+        material_of("turn wood into kryptonite")
+    assert material_of("made from wood with care").name == "wood"
 
 
 def test_words_that_only_begin_like_a_denial_are_none():

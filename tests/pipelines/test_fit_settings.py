@@ -53,7 +53,7 @@ def test_the_wanted_accuracy_is_fitted_and_recorded(scene, monkeypatch):
 
     def begin(folder, command, settings, *, resume):
         recorded.update(settings)
-        return SimpleNamespace(hold_to=lambda **further: None)
+        return SimpleNamespace(hold_to=recorded.update)
 
     def fit_source(run, capture, settings, seed):
         raise Fitted(settings)
@@ -66,3 +66,4 @@ def test_the_wanted_accuracy_is_fitted_and_recorded(scene, monkeypatch):
         cli.main(["fit", "room", "--out", "run", "--accuracy", "draft"])
     assert fit.value.args[0].accuracy == Accuracy.DRAFT
     assert recorded["accuracy"] == "draft"
+    assert recorded["settings"] == fit.value.args[0] and "capture" in recorded, "held to all of it"

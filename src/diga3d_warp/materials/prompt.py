@@ -27,10 +27,21 @@ def _words(text: str) -> frozenset[str]:
 DENIALS = _words(
     """
     not no non none never neither nor without except excluding excluded minus sans instead rather unlike
-    avoid cannot dont isnt doesnt arent wont cant nothing
+    avoid cannot dont isnt doesnt arent wont cant nothing hardly barely scarcely lacking lacks omit omitting
+    ignore skip un anti kein keine ohne nicht pas sin senza
     """
 )
 """Words that turn what they stand before into its opposite."""
+
+CHANGES = (
+    (
+        _words("turn turned turning change changed convert converted transform transformed make"),
+        _words("into to"),
+    ),
+    (_words("replace replaced replacing swap swapped exchange exchanged"), _words("by with for")),
+    (_words("from"), _words("into to")),
+)
+"""Words that tell of a change, and those after which it says what is wanted: "turn wood into gold"."""
 
 DENYING_PHRASES = ("anything but", "everything but", "free of", "free from", "other than", "no longer")
 
@@ -41,6 +52,8 @@ FILLERS = _words(
     painted colored coloured color colour colors colours like look looks looking style styled textured
     texture textures pattern patterned patterns material materials surface surfaces finish object
     objects thing please piece pieces shape shaped very all whole entirely completely fully
+    change changed convert converted transform transformed replace replaced replacing swap swapped exchange
+    exchanged
     """
 )
 """Words without which a prompt says the same."""
@@ -213,13 +226,26 @@ def _named(prompt: str, things: Mapping[str, str]) -> list[Word]:
     clause, elsewhere = -1, False
     for words in _clauses(prompt):
         clause, elsewhere, start = clause + 1, False, 0
+        wanted = _wanted_from(words)
         while start < len(words):
             length, kind, means = _name_at(words[start:], things)
+            if start < wanted and kind not in ("filler", "joint", "elsewhere"):
+                kind = "other"  # what it was, not what it shall be
             if kind in ("joint", "elsewhere"):
                 clause, elsewhere = clause + 1, elsewhere or kind == "elsewhere"
             found.append(Word(" ".join(words[start : start + length]), kind, means, clause, elsewhere))
             start += length
     return found
+
+
+def _wanted_from(words: Sequence[str]) -> int:
+    """Where a clause that tells of a change begins to say what is wanted; 0 if it tells of none."""
+    for begins, ends in CHANGES:
+        first = next((place for place, word in enumerate(words) if word in begins), len(words))
+        last = next((place for place, word in enumerate(words) if place > first and word in ends), None)
+        if last is not None and last + 1 < len(words):
+            return last + 1
+    return 0
 
 
 def _name_at(words: Sequence[str], things: Mapping[str, str]) -> tuple[int, Kind, str]:
