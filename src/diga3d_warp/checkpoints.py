@@ -6,6 +6,7 @@ Nothing is downloaded here: what is missing is named in one line, with its size 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +53,6 @@ def require_diffusion() -> None:
     Raises:
         InputError: they are not installed.
     """
-    from importlib.util import find_spec
-
     missing = [name for name in ("diffusers", "transformers", "safetensors") if find_spec(name) is None]
     if missing:
         raise InputError(f"{' and '.join(missing)} not installed: pip install 'diga3d-warp[diffusion]'")
@@ -82,7 +81,8 @@ def locate(checkpoint: Checkpoint, folder: str | Path | None = None) -> Path:
                 f"{path} is not a folder: give one in diffusers format, or: {checkpoint.command}"
             )
         return path
-    require_diffusion()
+    if find_spec("huggingface_hub") is None:
+        raise InputError("huggingface_hub is not installed, which finds weights: pip install huggingface_hub")
     from huggingface_hub import snapshot_download
     from huggingface_hub.errors import LocalEntryNotFoundError
 

@@ -14,9 +14,9 @@ def test_built_in_priors_by_name(name):
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("", "the name of the prior is empty: give exemplar, classical, sd-inpainting"),
+        ("", "the name of the prior is empty: give exemplar, classical, lama, sd-inpainting"),
         (" \t\n", "the name of the prior is empty"),
-        ("nowhere", "there is no prior or folder nowhere: give exemplar, classical, sd-inpainting"),
+        ("nowhere", "there is no prior or folder nowhere: give exemplar, classical, lama, sd-inpainting"),
         ("Exemplar", "there is no prior or folder Exemplar: give exemplar"),
     ],
 )

@@ -108,8 +108,8 @@ def add_prior(command: argparse.ArgumentParser) -> None:
         "--prior",
         default="exemplar",
         metavar="PRIOR",
-        help="what fills in what no photograph shows: exemplar, classical, sd-inpainting, powerpaint, or a "
-        "folder in diffusers format (default exemplar)",
+        help="what fills in what no photograph shows: exemplar, classical, lama, sd-inpainting, powerpaint, "
+        "an .onnx file of LaMa, or a folder in diffusers format (default exemplar)",
     )
     command.add_argument("--negative", default="", metavar="TEXT", help="negative prompt (default none)")
     add_reference_options(command)

@@ -11,6 +11,7 @@ import torch
 
 from diga3d_warp.files import to_bytes
 from diga3d_warp.priors.protocol import check_fill
+from diga3d_warp.priors.surroundings import separate, stretch
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class ClassicalPrior:
         holes = mask.cpu().numpy().astype(bool)
         pixels = to_bytes(image)
         remaining = holes.copy()
-        for hole in _separate(holes, self.settings.apart):
+        for hole in separate(holes, self.settings.apart):
             for strip in _strips(hole, self.settings):
                 window = _window(strip, hole, self.settings)
                 if remaining[window].all():
@@ -98,16 +99,6 @@ def _paste(image: torch.Tensor, mask: torch.Tensor, pixels: np.ndarray) -> torch
     return torch.where(mask[..., None], filled, image)
 
 
-def _separate(holes: np.ndarray, apart: int) -> Iterator[np.ndarray]:
-    """Holes that are far from each other, one mask each, smallest first: it leaves the next more to copy."""
-    import cv2
-
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (apart + 1, apart + 1))
-    count, label = cv2.connectedComponents(cv2.dilate(holes.astype(np.uint8), disc))
-    parts = [holes & (label == k) for k in range(1, count)]
-    yield from sorted(parts, key=lambda part: int(part.sum()))
-
-
 def _strips(hole: np.ndarray, settings: ClassicalSettings) -> Iterator[np.ndarray]:
     """The hole in parts of about equal height, from the top."""
     rows = np.flatnonzero(hole.any(1))
@@ -125,16 +116,8 @@ def _window(strip: np.ndarray, hole: np.ndarray, settings: ClassicalSettings) ->
     rows, columns = np.flatnonzero(strip.any(1)), np.flatnonzero(hole.any(0))
     least = settings.margin_min
     pad = max(int(settings.margin * (columns[-1] + 1 - columns[0])), least)
-    across = _stretch(int(columns[0]) - pad, int(columns[-1]) + 1 + pad, settings.side_min, hole.shape[1])
+    across = stretch(int(columns[0]) - pad, int(columns[-1]) + 1 + pad, settings.side_min, hole.shape[1])
     return slice(max(int(rows[0]) - least, 0), int(rows[-1]) + 1 + least), across
-
-
-def _stretch(start: int, stop: int, least: int, size: int) -> slice:
-    """The range cut off at [0, size), at least `least` long if `size` is."""
-    start, stop = max(start, 0), min(stop, size)
-    short = max(least - (stop - start), 0)
-    start = max(min(start - short // 2, size - least), 0)
-    return slice(start, min(max(stop, start + least), size))
 
 
 def _shift_map(pixels: np.ndarray, missing: np.ndarray, settings: ClassicalSettings) -> np.ndarray | None:

@@ -9,12 +9,13 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.priors.classical import ClassicalPrior
 from diga3d_warp.priors.conditioning import ControlKind
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
+from diga3d_warp.priors.lama import load_lama
 from diga3d_warp.priors.protocol import Prior, Task
 
 BUILT_IN = ("exemplar", "classical")
 """Priors that need no weights."""
 
-_OTHERS = "sd-inpainting, powerpaint or a folder in diffusers format"
+_OTHERS = "lama, sd-inpainting, powerpaint, an .onnx file of LaMa, or a folder in diffusers format"
 
 
 def load_prior(
@@ -29,11 +30,12 @@ def load_prior(
     """Load a prior with its prompts.
 
     Args:
-        name: "exemplar", "classical", "sd-inpainting", "powerpaint", or a folder in diffusers format.
-        task, positive, negative: What the prompts are for, Tp and Tn. "classical" reads none of them.
+        name: "exemplar", "classical", "lama", "sd-inpainting", "powerpaint", an .onnx file of LaMa, or a
+            folder in diffusers format.
+        task, positive, negative: What the prompts are for, Tp and Tn. "classical" and LaMa read none of them.
             "exemplar" reads the negative one only: it continues the surroundings.
         controls: Kinds of control that a Stable Diffusion prior loads a ControlNet for.
-        device: "auto", "cpu" or "cuda". The built-in priors compute on the CPU.
+        device: "auto", "cpu" or "cuda". The built-in priors and LaMa compute on the CPU.
 
     Raises:
         InputError: no such prior, missing weights, or prompts that it does not understand.
@@ -44,6 +46,8 @@ def load_prior(
         return ClassicalPrior()
     if name == "exemplar":
         return ExemplarPrior(negative=negative)
+    if name == "lama" or Path(name).suffix.lower() == ".onnx":
+        return load_lama(name)
     from diga3d_warp.priors.stable_diffusion.load import PRIORS, load_stable_diffusion
 
     if name not in PRIORS and not Path(name).expanduser().exists():
