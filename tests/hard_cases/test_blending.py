@@ -108,12 +108,13 @@ def test_a_nearly_finished_pixel_keeps_the_digits_of_its_transmittance():
     torch.testing.assert_close(left, expected, rtol=3e-5, atol=0)
 
 
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-@pytest.mark.parametrize("logit,alpha_min", [(0.0, 0.5), (-2.0, 0.25), (2.0, 0.5)])
-def test_an_opacity_of_just_the_skip_has_a_gradient(logit, alpha_min, precision):
+@pytest.mark.parametrize(
+    "logit,precision", [(0.0, "float32"), (-1.0, "float32"), (2.0, "float32"), (0.0, "float64")]
+)
+def test_an_opacity_of_just_the_skip_has_a_gradient(logit, precision):
     """At alpha_min the logarithm is 0, and a box without size would mark a culled gaussian."""
     gaussians = single(means=[0.0, 0.0, 2.0], opacity_logits=logit)
-    leaves = gaussians.detached().requires_grad_()
+    leaves, alpha_min = gaussians.detached().requires_grad_(), 0.5
     out = render(leaves, AHEAD, accuracy=Accuracy(alpha_min=alpha_min, precision=precision))
     (out.color.sum() + out.projection.opacities.sum()).backward()
     assert bool(out.projection.extents.any()) == (torch.sigmoid(torch.tensor(logit)) >= alpha_min)

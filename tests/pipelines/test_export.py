@@ -70,7 +70,8 @@ def test_a_run_fitted_with_antialiasing_says_so(toy_run, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["absent", "--format", "ply"], "absent is not a folder"),
+        (["absent", "--format", "ply"], "absent: no such file or folder"),
+        (["named.splat", "--format", "ply"], "named.splat: begins as a .ply file does; give it that ending"),
         (["empty", "--format", "ply"], "holds no run (manifest.json is missing)"),
         (["a.ply", "--format", "ply"], "is in that format already; give another name with --out"),
         (["a.ply", "--format", "spz", "--out", "a.ply"], "a file of the format spz ends in .spz"),
@@ -83,6 +84,7 @@ def test_a_run_fitted_with_antialiasing_says_so(toy_run, tmp_path):
 def test_what_cannot_be_exported_is_one_line(tmp_path, monkeypatch, capsys, words, said):
     monkeypatch.chdir(tmp_path)
     random_gaussians(20).save_ply("a.ply")
+    (tmp_path / "named.splat").write_bytes((tmp_path / "a.ply").read_bytes())
     (tmp_path / "empty").mkdir()
     (tmp_path / "folder.ply").mkdir()
     (tmp_path / "text.ply").write_text("hello")

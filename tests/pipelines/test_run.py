@@ -16,13 +16,14 @@ from diga3d_warp.evaluation.record import MANIFEST, read_manifest, read_metrics
 from diga3d_warp.files import temporary_name
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
+from diga3d_warp.pipelines import machine
 from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.method import PAPER
 from diga3d_warp.pipelines.remove import RemoveSettings
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.run_folder import LOCK
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
-from diga3d_warp.priors.exemplar.settings import FillSettings
+from diga3d_warp.priors.exemplar.settings import FillSettings, PatchSettings
 from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene
@@ -156,6 +157,21 @@ def test_resume_with_another_version_is_noted(tmp_path):
     assert "begun with 0.1" in read_manifest(tmp_path)["notes"][0]
 
 
+def test_the_version_of_the_code_changes_with_its_files(tmp_path, monkeypatch):
+    (tmp_path / "__init__.py").write_text("")
+    (tmp_path / "kernels").mkdir()
+    found = []
+    for code in ("alpha_min = 1 / 255", "alpha_min = 1 / 64"):
+        (tmp_path / "kernels" / "blending.py").write_text(code)
+        monkeypatch.setattr(machine.diga3d_warp, "__file__", str(tmp_path / "__init__.py"))
+        machine._code_digest.cache_clear()
+        found.append(machine.package_versions()["diga3d_warp"])
+        monkeypatch.undo()
+    machine._code_digest.cache_clear()
+    assert found[0] != found[1] and found[0].split("+")[0] == found[1].split("+")[0]
+    assert machine.package_versions()["diga3d_warp"] not in found
+
+
 def test_resume_where_nothing_began_starts(tmp_path):
     Run(tmp_path / "new", "fit", {}, resume=True)
     assert read_manifest(tmp_path / "new")["stages"] == []
@@ -234,6 +250,8 @@ def test_resume_is_held_to_every_setting_and_to_the_capture(tmp_path, room):
         views = [replace(each, **changes) if each is view else each for each in scene.views]
         return replace(scene, views=views)
 
+    sampled = ExemplarPrior()
+    sampled.sampling = SamplingSettings(steps=5, strength=0.3)
     others = {
         r"settings\.fit\.budget = 4000 \(now 5000\)": {
             "settings": replace(settings, fit=replace(settings.fit, budget=5000))
@@ -247,6 +265,9 @@ def test_resume_is_held_to_every_setting_and_to_the_capture(tmp_path, room):
         },
         r"method\.distillation": {"method": replace(PAPER, distillation=None)},
         r"prior\.own\.steps_first = ": {"prior": ExemplarPrior(settings=FillSettings(steps_first=2))},
+        r"prior\.sampling\.steps = 20 \(now 5\)": {"prior": sampled},
+        r"prior\.guidance = ": {"prior": ExemplarPrior(negative="a vase")},
+        r"prior\.patches\.radius = 3 \(now 2\)": {"prior": ExemplarPrior(patches=PatchSettings(radius=2))},
         r"effects\.lens = None \(now False\)": {"effects": {"lens": False}},
         r"capture\.photographs = ": {"scene": with_view(pixels=retouched)},
         r"capture\.masks = ": {"scene": with_view(mask=~view.mask)},

@@ -58,6 +58,7 @@ def capture_contents(scene: Scene) -> dict[str, str]:
 def prior_settings(prior: Prior) -> dict[str, Any]:
     """How a prior samples, with numbers of its own if it has any."""
     settings: dict[str, Any] = {"name": prior.name, "own": getattr(prior, "settings", None)}
+    settings["patches"] = getattr(prior, "patches", None)
     if isinstance(prior, DiffusionPrior):
         settings |= {"sampling": prior.sampling, "guidance": prior.guidance.scale}
     return settings

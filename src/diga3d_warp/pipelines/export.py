@@ -39,6 +39,10 @@ def export_splat(source: Path, form: str, out: Path | None = None) -> Exported:
             written, ends otherwise, or is the splat itself.
     """
     splat, antialiased = source, False
+    if not source.exists():
+        raise InputError(
+            f"{source}: no such file or folder; give a run folder, or a splat such as a 3DGS .ply"
+        )
     if not source.is_file():
         antialiased = run_effects(read_manifest(source)).antialias
         splat = source / RESULT
