@@ -14,7 +14,7 @@ import torch
 from diga3d_warp.evaluation.metrics import compare
 from diga3d_warp.files import whole_file
 from diga3d_warp.pipelines.demo import MATERIAL, OBJECT, REPLACED, RETEXTURED, RUN, SCENE, TRUTH
-from diga3d_warp.scene.images import read_image
+from diga3d_warp.scene.photographs.images import read_image
 
 EDITS = {
     "removed": (RUN, TRUTH),

@@ -27,8 +27,8 @@ from diga3d_warp.priors.distillation import DistillationSettings, TextureGeometr
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.guidance import guided_noise
 from diga3d_warp.propagation.references import References
-from diga3d_warp.scene.images import read_image
 from diga3d_warp.scene.load import load_scene
+from diga3d_warp.scene.photographs.images import read_image
 from diga3d_warp.splatting.render import render
 
 SHARES = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.98)

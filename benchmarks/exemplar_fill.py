@@ -29,8 +29,8 @@ from diga3d_warp.pipelines.stages import MaskSettings, widened  # noqa: E402
 from diga3d_warp.priors.classical import ClassicalPrior, mean_color_fill, telea_fill  # noqa: E402
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior  # noqa: E402
 from diga3d_warp.priors.exemplar.settings import FILL  # noqa: E402
-from diga3d_warp.scene.images import read_image  # noqa: E402
 from diga3d_warp.scene.load import load_scene  # noqa: E402
+from diga3d_warp.scene.photographs.images import read_image  # noqa: E402
 
 Fill = Callable[[torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
 """Image with a hole, mask and depth behind it to a filled image."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from diga3d_warp.files import whole_file
 from diga3d_warp.pipelines.demo import RUN, SCENE, TRUTH
-from diga3d_warp.scene.images import read_image
+from diga3d_warp.scene.photographs.images import read_image
 
 VIEW = "view_008"
 """A held-out view: no picture of it was fitted. The vase stands in the middle."""

@@ -73,7 +73,7 @@ def toy_run(tmp_path):
     from diga3d_warp.gaussians.parameters import Gaussians
     from diga3d_warp.pipelines.run import Run
     from diga3d_warp.scene.camera import Camera, look_at
-    from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
+    from diga3d_warp.scene.layouts.cameras_file import CameraSet, save_cameras
     from diga3d_warp.scene.scene import Points, Scene, View
     from diga3d_warp.splatting.render import render
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from diga3d_warp.scene.colmap import write_colmap
+from diga3d_warp.scene.colmap.reconstruction import write_colmap
 from diga3d_warp.scene.scene import Points
 from diga3d_warp.scene.synthetic.arc import arc_cameras
 from diga3d_warp.scene.synthetic.lighting import corner_light

@@ -17,8 +17,8 @@ from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings
 from diga3d_warp.priors.classical import ClassicalPrior
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.settings import SamplingSettings
-from diga3d_warp.scene.images import read_image
 from diga3d_warp.scene.load import load_scene
+from diga3d_warp.scene.photographs.images import read_image
 from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
 
 TINY = RemoveSettings(

@@ -16,7 +16,7 @@ from diga3d_warp.bench.garden import Garden
 from diga3d_warp.bench.page import name_points, plot
 from diga3d_warp.config import Accuracy
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.images import read_image
+from diga3d_warp.scene.photographs.images import read_image
 from diga3d_warp.splatting.render import render
 
 TINY = Garden(count=60, width=32, height=24, radius=6.0)

@@ -8,7 +8,7 @@ from diga3d_warp.bench.garden import Garden
 from diga3d_warp.bench.still_life import still_life_camera
 from diga3d_warp.config import Effects
 from diga3d_warp.effects.prices import toggled
-from diga3d_warp.scene.images import read_image
+from diga3d_warp.scene.photographs.images import read_image
 
 OWN = {
     "sh_degree": {"shade"},

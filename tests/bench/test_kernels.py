@@ -7,7 +7,7 @@ from diga3d_warp.bench.garden import Garden, Statistics
 from diga3d_warp.bench.kernels import Measured, bench_kernels, stage_table, verdicts
 from diga3d_warp.bench.stages import OTHERS, PLAIN, RASTERISER, STAGES, WHOLE, Bench
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.images import read_image
+from diga3d_warp.scene.photographs.images import read_image
 
 
 def test_every_stage_is_run_and_takes_time():

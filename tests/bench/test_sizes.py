@@ -5,7 +5,7 @@ import pytest
 from diga3d_warp.bench import sizes
 from diga3d_warp.bench.sizes import Series, Size, bench_sizes, growth_table, memory_table, run_size
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.images import read_image
+from diga3d_warp.scene.photographs.images import read_image
 
 
 def made_up(count: int, width: int, height: int, slower: float = 1.0) -> Size:

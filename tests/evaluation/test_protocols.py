@@ -13,7 +13,7 @@ from diga3d_warp.evaluation.protocols import _used_mask, evaluate
 from diga3d_warp.evaluation.record import MANIFEST, RESULT, SOURCE, read_manifest, read_metrics, run_effects
 from diga3d_warp.evaluation.tables import Table, score_table
 from diga3d_warp.files import write_image, write_json
-from diga3d_warp.scene.labels import stretched
+from diga3d_warp.scene.masks.labels import stretched
 
 FOUR_LEVELS = -20 * math.log10(4 / 255)  # PSNR of the toy photographs' error
 

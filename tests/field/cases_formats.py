@@ -12,10 +12,10 @@ from plyfile import PlyData, PlyElement
 from scipy.spatial import cKDTree
 
 from diga3d_warp.gaussians.initialise import initialise
-from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
-from diga3d_warp.scene.colmap import write_colmap
+from diga3d_warp.scene.colmap.reconstruction import write_colmap
 from diga3d_warp.scene.formats.standard_ply import write_ply
 from diga3d_warp.scene.formats.write import ENDINGS, write_splat
+from diga3d_warp.scene.layouts.cameras_file import CameraSet, save_cameras
 from diga3d_warp.scene.scene import Scene
 
 SPLAT = "point_cloud.ply"

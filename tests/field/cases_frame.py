@@ -10,7 +10,7 @@ from expectations import Reads, Refuses, case
 from field_room import FieldRoom
 
 from diga3d_warp.gaussians.initialise import initialise
-from diga3d_warp.scene.colmap import write_colmap
+from diga3d_warp.scene.colmap.reconstruction import write_colmap
 from diga3d_warp.scene.scene import Points
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])

@@ -180,7 +180,7 @@ def masks_of_other_names_to_fit(room: FieldRoom, folder: Path) -> Path:
 
 def in_two_folders(room: FieldRoom, folder: Path, masks: Callable[[int], str]) -> Path:
     """The room as front/000000 and so on and back/000000 and so on; masks named by their number."""
-    from diga3d_warp.scene.colmap import write_colmap
+    from diga3d_warp.scene.colmap.reconstruction import write_colmap
 
     half = len(room.names) // 2
     named = {name: f"{'front' if i < half else 'back'}/{i % half:06d}" for i, name in enumerate(room.names)}

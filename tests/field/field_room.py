@@ -13,8 +13,8 @@ import numpy as np
 
 from diga3d_warp.gaussians.initialise import initialise
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
-from diga3d_warp.scene.colmap import write_colmap
+from diga3d_warp.scene.colmap.reconstruction import write_colmap
+from diga3d_warp.scene.layouts.cameras_file import CameraSet, save_cameras
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Points
 from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate

@@ -12,7 +12,7 @@ from diga3d_warp.config import Effects
 from diga3d_warp.gaussians import fit as fitting
 from diga3d_warp.gaussians.exposure import evened, exposed, unexposed
 from diga3d_warp.gaussians.fit import Target, fit
-from diga3d_warp.scene.images import BACKGROUND
+from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.splatting.render import render
 from scenes import random_gaussians
 

@@ -11,8 +11,8 @@ import torch
 from diga3d_warp.errors import InputError
 from diga3d_warp.perception.boxes import Box, cut_along, cut_out, find_boxed, read_boxes
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.decoding import turned
-from diga3d_warp.scene.orientation import inverse
+from diga3d_warp.scene.photographs.decoding import turned
+from diga3d_warp.scene.photographs.orientation import inverse
 from diga3d_warp.scene.scene import Points, Scene, View
 
 

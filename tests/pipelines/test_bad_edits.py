@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from diga3d_warp import cli
-from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
+from diga3d_warp.scene.layouts.cameras_file import CameraSet, save_cameras
 from diga3d_warp.scene.load import load_scene
 from scenes import random_gaussians
 from tiny_diffusion import write_checkpoint

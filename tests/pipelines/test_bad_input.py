@@ -95,7 +95,7 @@ def path_outside(scene: Path) -> None:
 
 def splat(scene: Path, spoil=lambda gaussians: None) -> None:
     """Make the scene a splat: its cameras as 3DGS writes them, and gaussians around the origin."""
-    from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
+    from diga3d_warp.scene.layouts.cameras_file import CameraSet, save_cameras
     from diga3d_warp.scene.load import load_scene
 
     save_cameras(scene / "cameras.json", CameraSet.of(load_scene(scene)))

@@ -11,7 +11,7 @@ from diga3d_warp.evaluation.tables import Table
 from diga3d_warp.pipelines import demo
 from diga3d_warp.pipelines.method import WARPED
 from diga3d_warp.priors.classical import telea_fill
-from diga3d_warp.scene.images import read_image
+from diga3d_warp.scene.photographs.images import read_image
 
 SIDES = ("before", "after")
 

@@ -13,8 +13,8 @@ from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
 from diga3d_warp.scene.formats.read import read_splat
+from diga3d_warp.scene.layouts.cameras_file import CameraSet, save_cameras
 from diga3d_warp.scene.load import load_scene
 from scenes import random_gaussians
 

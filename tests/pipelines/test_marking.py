@@ -18,8 +18,8 @@ from diga3d_warp.pipelines.marking import Marks, Words, glance, mark
 from diga3d_warp.pipelines.mask_propagation import SHEET
 from diga3d_warp.pipelines.remove import remove_object
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.scene.decoding import turned
-from diga3d_warp.scene.orientation import inverse
+from diga3d_warp.scene.photographs.decoding import turned
+from diga3d_warp.scene.photographs.orientation import inverse
 
 COMMANDS = (["remove"], ["retexture", "--prompt", "gold"], ["replace", "--prompt", "a wooden cube"])
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from corner import Corner
 
-from diga3d_warp.scene.colmap import write_colmap
+from diga3d_warp.scene.colmap.reconstruction import write_colmap
 
 
 @pytest.fixture(scope="session")

@@ -20,7 +20,7 @@ from test_load_scene import (
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene import load
-from diga3d_warp.scene.colmap import write_colmap
+from diga3d_warp.scene.colmap.reconstruction import write_colmap
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Points
 

@@ -9,7 +9,7 @@ from test_load_scene import write_poses_bounds, write_transforms
 
 from diga3d_warp.gaussians.initialise import initialise
 from diga3d_warp.scene import load
-from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
+from diga3d_warp.scene.layouts.cameras_file import CameraSet, save_cameras
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Points
 

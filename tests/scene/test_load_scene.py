@@ -12,7 +12,7 @@ import pytest
 from corner import HEIGHT, WIDTH, Corner, same_camera
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.colmap import write_colmap
+from diga3d_warp.scene.colmap.reconstruction import write_colmap
 from diga3d_warp.scene.load import load_scene
 
 OPENCV_TO_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])

@@ -14,7 +14,7 @@ from diga3d_warp.pipelines.remove import RemoveSettings
 from diga3d_warp.pipelines.request import EditResult
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.stages import widened
-from diga3d_warp.scene.images import read_image
+from diga3d_warp.scene.photographs.images import read_image
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.scene.synthetic.generate import SyntheticScene
 from diga3d_warp.splatting.render import render

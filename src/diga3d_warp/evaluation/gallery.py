@@ -11,7 +11,7 @@ from diga3d_warp.evaluation.record import REPORT
 from diga3d_warp.evaluation.report import embedded
 from diga3d_warp.evaluation.tables import Table
 from diga3d_warp.files import write_text
-from diga3d_warp.scene.images import read_image
+from diga3d_warp.scene.photographs.images import read_image
 
 SIDE = 420
 """Longest side of a picture [px]: seven of them fill a wide screen."""

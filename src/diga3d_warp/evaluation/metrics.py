@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from diga3d_warp.scene.images import BACKGROUND
+from diga3d_warp.scene.photographs.images import BACKGROUND
 
 SSIM_WINDOW = 11
 """Side of SSIM's Gaussian window [px], sigma 1.5 px: Wang et al. 2004, and 3DGS. A bounding box is grown to

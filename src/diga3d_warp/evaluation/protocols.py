@@ -38,9 +38,9 @@ from diga3d_warp.evaluation.record import (
 from diga3d_warp.evaluation.tables import Table, score_table
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.cameras_file import load_cameras
-from diga3d_warp.scene.images import BACKGROUND
-from diga3d_warp.scene.labels import stretched
+from diga3d_warp.scene.layouts.cameras_file import load_cameras
+from diga3d_warp.scene.masks.labels import stretched
+from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_plane

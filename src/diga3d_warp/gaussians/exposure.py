@@ -22,7 +22,7 @@ import numpy as np
 import torch
 
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.images import BACKGROUND
+from diga3d_warp.scene.photographs.images import BACKGROUND
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from diga3d_warp.gaussians.optimiser import GaussianAdam, LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.working import to_user, to_working
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.images import BACKGROUND
+from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.working_frame import WorkingFrame
 from diga3d_warp.splatting.render import Rendering, render
 

@@ -14,8 +14,8 @@ from numpy.random import Generator
 from diga3d_warp.errors import InputError
 from diga3d_warp.materials.prompt import material_of
 from diga3d_warp.materials.vocabulary import Material
-from diga3d_warp.scene.decoding import read_header
-from diga3d_warp.scene.images import BACKGROUND, read_photograph, resize_image
+from diga3d_warp.scene.photographs.decoding import read_header
+from diga3d_warp.scene.photographs.images import BACKGROUND, read_photograph, resize_image
 
 SIDE_LEAST = 32
 """Shorter side of a usable picture [px]: less is a colour rather than a texture."""

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.decoding import turned
-from diga3d_warp.scene.orientation import inverse
+from diga3d_warp.scene.photographs.decoding import turned
+from diga3d_warp.scene.photographs.orientation import inverse
 from diga3d_warp.scene.scene import Scene, View
 
 BOXES_MOST = 3

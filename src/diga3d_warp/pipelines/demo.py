@@ -31,8 +31,8 @@ from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.stages import SOURCE, widened
 from diga3d_warp.priors.classical import mean_color_fill, telea_fill
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
-from diga3d_warp.scene.images import read_image
 from diga3d_warp.scene.load import load_scene
+from diga3d_warp.scene.photographs.images import read_image
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
 from diga3d_warp.splatting.render import render

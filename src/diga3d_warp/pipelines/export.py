@@ -10,7 +10,7 @@ from diga3d_warp.evaluation.record import RESULT, read_manifest, run_effects
 from diga3d_warp.scene.formats.read import read_splat
 from diga3d_warp.scene.formats.recognise import splat_format
 from diga3d_warp.scene.formats.write import ENDINGS, write_splat
-from diga3d_warp.scene.splat import stem
+from diga3d_warp.scene.layouts.splat import stem
 
 
 @dataclass(frozen=True)

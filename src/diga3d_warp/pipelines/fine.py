@@ -20,7 +20,7 @@ from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.priors.windows import WHOLE, Windows
 from diga3d_warp.propagation.conditions import texture_geometry
 from diga3d_warp.propagation.references import References
-from diga3d_warp.scene.images import BACKGROUND
+from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.splatting.render import render
 
 

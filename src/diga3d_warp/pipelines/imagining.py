@@ -23,7 +23,7 @@ from diga3d_warp.pipelines.free_text import FreeText
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
 from diga3d_warp.priors.editing import edit_views
 from diga3d_warp.propagation.references import References
-from diga3d_warp.scene.images import BACKGROUND
+from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_array, read_picture, read_state

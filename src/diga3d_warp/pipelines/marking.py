@@ -18,8 +18,8 @@ from diga3d_warp.files import write_image
 from diga3d_warp.perception.boxes import Box, cut_out, find_boxed, read_boxes
 from diga3d_warp.perception.segmentation import TextSegmenter, locate_models, mask_words
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.scene.decoding import turned
-from diga3d_warp.scene.orientation import inverse
+from diga3d_warp.scene.photographs.decoding import turned
+from diga3d_warp.scene.photographs.orientation import inverse
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.state import read_mask
 

@@ -24,7 +24,7 @@ from diga3d_warp.objects.support import find_place
 from diga3d_warp.objects.surface import Sight, fuse, pixel_width, unprojected
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.scene.images import BACKGROUND
+from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_array, read_picture, read_plane

@@ -21,7 +21,7 @@ from diga3d_warp.objects.surface import Sight, pixel_width, without_floaters
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.propagation.references import References
-from diga3d_warp.scene.images import BACKGROUND
+from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_arrays, read_picture, read_plane

@@ -19,8 +19,8 @@ from diga3d_warp.files import to_bytes, whole_file, write_image
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines.run_folder import check_apart
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.cameras_file import load_cameras
-from diga3d_warp.scene.images import BACKGROUND
+from diga3d_warp.scene.layouts.cameras_file import load_cameras
+from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.splatting.render import render
 
 if TYPE_CHECKING:

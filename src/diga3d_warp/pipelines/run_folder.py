@@ -13,7 +13,7 @@ from filelock import FileLock, Timeout
 from diga3d_warp.errors import InputError, cannot_write
 from diga3d_warp.evaluation.record import MANIFEST, running_process
 from diga3d_warp.files import temporary_name
-from diga3d_warp.scene.names import IMAGE_SUFFIXES
+from diga3d_warp.scene.photographs.names import IMAGE_SUFFIXES
 from diga3d_warp.state import STAGES
 
 LOCK = ".lock"

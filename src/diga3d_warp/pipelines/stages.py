@@ -38,9 +38,9 @@ from diga3d_warp.propagation.references import (
 )
 from diga3d_warp.propagation.unseen import Background, observe_behind
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
 from diga3d_warp.scene.formats.read import read_splat
-from diga3d_warp.scene.images import BACKGROUND
+from diga3d_warp.scene.layouts.cameras_file import CameraSet, save_cameras
+from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.scene.working_frame import WorkingFrame, with_near_planes
 from diga3d_warp.splatting.render import render

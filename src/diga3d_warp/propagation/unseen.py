@@ -24,7 +24,7 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.files import to_bytes
 from diga3d_warp.kernels.observation import look_up
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.images import BACKGROUND
+from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.reproject import motion_between
 

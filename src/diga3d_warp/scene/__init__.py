@@ -1,1 +1,1 @@
-"""Captures: cameras, views, masks, and the readers that recognise a folder by itself."""
+"""Captures: cameras, views and masks, and `load.load_scene`, which reads a capture of any layout."""

@@ -11,18 +11,28 @@ from typing import TypeVar
 import numpy as np
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.calibration import calibration_notes, check_sizes, fits
 from diga3d_warp.scene.capture import Capture, Shot
-from diga3d_warp.scene.colmap import read_colmap
+from diga3d_warp.scene.checks.calibration import calibration_notes, check_sizes, fits
+from diga3d_warp.scene.checks.frame import check_frame, likely_poses
+from diga3d_warp.scene.checks.frame_suspects import CONVENTIONS
+from diga3d_warp.scene.colmap.reconstruction import read_colmap
 from diga3d_warp.scene.formats.read import read_splat_points
-from diga3d_warp.scene.frame_check import check_frame, likely_poses
-from diga3d_warp.scene.frame_suspects import CONVENTIONS
-from diga3d_warp.scene.images import Photograph, Wanted, check_memory, read_photograph, read_photographs
-from diga3d_warp.scene.llff import read_llff
-from diga3d_warp.scene.masks import find_masks, mask_views
-from diga3d_warp.scene.names import view_names
-from diga3d_warp.scene.nerfstudio import read_nerfstudio
-from diga3d_warp.scene.orientation import (
+from diga3d_warp.scene.layouts.llff import read_llff
+from diga3d_warp.scene.layouts.nerfstudio import read_nerfstudio
+from diga3d_warp.scene.layouts.polycam import read_polycam
+from diga3d_warp.scene.layouts.recognise import Recognised, no_photographs, recognise
+from diga3d_warp.scene.layouts.splat import other_formats, read_splat_cameras
+from diga3d_warp.scene.mapping.sfm import map_images, shrink, triangulate
+from diga3d_warp.scene.masks.find import find_masks, mask_views
+from diga3d_warp.scene.photographs.images import (
+    Photograph,
+    Wanted,
+    check_memory,
+    read_photograph,
+    read_photographs,
+)
+from diga3d_warp.scene.photographs.names import view_names
+from diga3d_warp.scene.photographs.orientation import (
     Turns,
     find_turns,
     fit_upright,
@@ -30,13 +40,9 @@ from diga3d_warp.scene.orientation import (
     turn_notes,
     turned_view,
 )
-from diga3d_warp.scene.photo_set import find_photographs
-from diga3d_warp.scene.polycam import read_polycam
-from diga3d_warp.scene.recognise import Recognised, no_photographs, recognise
+from diga3d_warp.scene.photographs.sources import Source, find_sources
+from diga3d_warp.scene.photographs.unposed import find_photographs
 from diga3d_warp.scene.scene import Points, Reading, Scene, View
-from diga3d_warp.scene.sfm import map_images, shrink, triangulate
-from diga3d_warp.scene.sources import Source, find_sources
-from diga3d_warp.scene.splat import other_formats, read_splat_cameras
 from diga3d_warp.scene.working_frame import WorkingFrame, with_near_planes
 
 T = TypeVar("T")

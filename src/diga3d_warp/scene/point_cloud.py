@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.ply import read_vertices
+from diga3d_warp.scene.formats.ply import read_vertices
 from diga3d_warp.scene.scene import Points
 
 _COLOR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))

@@ -9,7 +9,7 @@ import numpy as np
 
 from diga3d_warp.process import load_pycolmap
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.colmap_lens import colmap_lens
+from diga3d_warp.scene.colmap.models import colmap_lens
 
 
 @dataclass(frozen=True, eq=False)

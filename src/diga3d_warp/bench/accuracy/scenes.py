@@ -17,7 +17,7 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.record import CAMERAS, RESULT
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera, Distortion
-from diga3d_warp.scene.cameras_file import load_cameras
+from diga3d_warp.scene.layouts.cameras_file import load_cameras
 from diga3d_warp.scene.load import load_scene
 
 SIZE = (320, 240)

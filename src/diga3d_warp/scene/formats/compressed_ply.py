@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.scene.formats.ply import Header, read_elements
 from diga3d_warp.scene.formats.quantised import OTHERS, constant_harmonics, logits
 from diga3d_warp.scene.formats.recognise import PACKED
 from diga3d_warp.scene.formats.rows import SplatContent, SplatRows
 from diga3d_warp.scene.formats.standard_ply import REST, REST_COUNTS, antialiased_by
-from diga3d_warp.scene.ply import Header, read_elements
 
 CHUNK = 256
 """Gaussians that share bounds."""

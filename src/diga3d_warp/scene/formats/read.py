@@ -15,6 +15,7 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.scene.formats.compressed_ply import read_compressed_ply
 from diga3d_warp.scene.formats.conversion import convert
 from diga3d_warp.scene.formats.ksplat import count_ksplat, read_ksplat
+from diga3d_warp.scene.formats.ply import Header, read_header
 from diga3d_warp.scene.formats.quantised import logits
 from diga3d_warp.scene.formats.recognise import splat_format
 from diga3d_warp.scene.formats.rows import SplatContent
@@ -23,7 +24,6 @@ from diga3d_warp.scene.formats.splat import count_splat, read_splat_rows
 from diga3d_warp.scene.formats.spz import read_spz_header
 from diga3d_warp.scene.formats.standard_ply import read_standard_ply
 from diga3d_warp.scene.formats.usable import usable_rows
-from diga3d_warp.scene.ply import Header, read_header
 from diga3d_warp.scene.scene import Points
 
 BYTES_PER_GAUSSIAN = 1000

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from diga3d_warp.errors import InputError, cannot_read
-from diga3d_warp.scene.ply import Element, read_header
+from diga3d_warp.scene.formats.ply import Element, read_header
 
 FORMATS = ("ply", "compressed-ply", "sog", "spz", "ksplat", "splat")
 """Names of the formats, from the most exact to the least."""

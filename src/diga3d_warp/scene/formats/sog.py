@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.decoding import read_header
 from diga3d_warp.scene.formats.rows import Announced
+from diga3d_warp.scene.photographs.decoding import read_header
 
 META = "meta.json"
 CODEBOOK = 256

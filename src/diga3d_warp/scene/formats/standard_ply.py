@@ -18,8 +18,8 @@ import numpy as np
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import whole_file
+from diga3d_warp.scene.formats.ply import Header, read_elements
 from diga3d_warp.scene.formats.rows import SplatContent, SplatRows
-from diga3d_warp.scene.ply import Header, read_elements
 
 REST = 15
 """Coefficients above degree 0 in a file. The original viewer wants all 15 of degree 3; lower degrees are

@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.colmap import write_colmap
+from diga3d_warp.scene.colmap.reconstruction import write_colmap
 from diga3d_warp.scene.scene import Points
 from diga3d_warp.scene.synthetic.arc import arc_cameras
 from diga3d_warp.scene.synthetic.shots import Shot, set_stage, take

@@ -1,0 +1,1 @@
+"""Checks of a capture: calibration, and whether cameras, points and photographs agree."""

@@ -1,0 +1,1 @@
+"""COLMAP reconstructions: camera models, binary and text files, reading and writing."""

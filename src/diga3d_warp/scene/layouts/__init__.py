@@ -1,0 +1,1 @@
+"""Layouts of captures: recognition of a folder, and one reader for each layout."""

@@ -1,0 +1,1 @@
+"""Poses and sparse points from photographs, with pycolmap."""

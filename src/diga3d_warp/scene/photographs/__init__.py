@@ -1,0 +1,1 @@
+"""Image files: names, folders, decoding, EXIF orientation and size."""
