@@ -1,5 +1,5 @@
-"""Splat files: recognised, read and written in the formats that splats are exchanged in.
+"""Splat files: recognition, reading and writing of the exchange formats for 3D Gaussian splats.
 
-Everything here is NumPy. `read.read_splat` and `write.write_splat` are the entry points; each other module handles one
-format.
+Everything here is NumPy. `read.read_splat` and `write.write_splat` are the entry points; each other module
+handles one format.
 """
