@@ -19,7 +19,7 @@ def timeline(stages: Sequence[Mapping[str, Any]]) -> str:
     """Stages as bars one after another, each with its seconds and peak memory.
 
     Args:
-        stages: Of the manifest: name, seconds, peak_mib, resumed.
+        stages: Stages of the manifest: name, seconds, peak_mib, resumed.
     """
     total = sum(stage["seconds"] for stage in stages) or 1.0
     rows, start = [], 0.0
@@ -91,7 +91,7 @@ def _short(value: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as a person says them: 4.2 s, 3 min 07 s, 2 h 05 min."""
+    """Seconds in words: 4.2 s, 3 min 07 s, 2 h 05 min."""
     if seconds < 60:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(round(seconds), 60)
@@ -99,5 +99,5 @@ def duration(seconds: float) -> str:
 
 
 def memory(mib: float) -> str:
-    """Mebibytes as a person says them: 812 MiB, 1.4 GiB."""
+    """Mebibytes in words: 812 MiB, 1.4 GiB."""
     return f"{mib:.0f} MiB" if mib < 1024 else f"{mib / 1024:.1f} GiB"

@@ -1,8 +1,8 @@
-"""Whether the views of one scene tell one story: a surface must show the same colours in all of them.
+"""Multi-view consistency: whether a surface has the same colours in all views.
 
 Each view's region is warped into its neighbours by DIBR (paper Eq. 5) and compared with what they show
-there. It needs no truth of the colours, so it serves views filled one by one, before any fit, as well as
-renderings of a splat. It has no notion of quality: grey fills agree well.
+there. It needs no ground truth, so it applies to inpainted views before any fit as well as to renderings of
+a splat. It does not measure quality: uniform grey fills are consistent.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.reproject import reproject
 
 NEIGHBOURS = 4
-"""Views with which each is compared: on a path along which one walks, two on either side."""
+"""Number of views with which each is compared: two on either side along a handheld path."""
 
 SAME_SURFACE = 0.02
 """Largest difference between the depth warped in and the target's own of one surface [share of the latter].
-Above the 1 % by which the depth of a fitted splat strays, below the distance between things in a room."""
+Above the 1 % error of a fitted splat's depth, below the distance between objects in a room."""
 
 
 @dataclass(frozen=True)

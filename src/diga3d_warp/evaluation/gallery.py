@@ -23,8 +23,8 @@ def write_gallery(
     """Write report.html with pictures side by side and links to the reports of the runs.
 
     Args:
-        folder: Where the page goes.
-        title: Of the page.
+        folder: Folder that receives report.html.
+        title: Title of the page.
         rows: One per view: the pictures' files by caption, in order.
         runs: Folders of the runs below `folder`, by name.
         table: Figures to show below the pictures.

@@ -1,7 +1,7 @@
-"""How close one image is to another: PSNR and SSIM, whole and by region, the regions never mixed.
+"""PSNR and SSIM of an image against another, over the whole image and over the regions of a mask.
 
-Masked figures exist in two ways in the literature that do not compare: over the pixels of the mask, and over
-the bounding box of the mask. Both are given, under names of their own.
+The literature reports masked figures in two ways that are not comparable: over the pixels of the mask, and
+over its bounding box. Both are given, under separate names.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ at least this size, for a window must fit."""
 REGIONS = ("whole", "masked", "box", "unmasked")
 """whole: every pixel. masked: pixels of the mask. box: the mask's bounding box, mask or not. unmasked: the
 rest. SSIM of "masked" is the mean of the whole image's SSIM map there; of "unmasked" likewise, after the
-mask's pixels have been made equal, since the window would carry an edit into its surroundings."""
+mask's pixels have been made equal, since the window extends into the mask."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """Likeness over one region.
+    """PSNR and SSIM over one region.
 
     Attributes:
         psnr: Peak signal-to-noise ratio [dB] for a peak of 1; infinite for equal images.
@@ -111,8 +111,8 @@ def compare(
 def matched(image: torch.Tensor, truth: torch.Tensor, alpha: np.ndarray | None = None) -> torch.Tensor:
     """An image after the affine colour transform that brings it closest to another, (H, W, 3).
 
-    Least squares over all pixels, gain 3 x 3 and offset. It takes exposure and white balance out of a
-    comparison; its result has seen the truth, so it never stands without the plain one.
+    Least squares over all pixels, gain 3 x 3 and offset. It removes exposure and white balance from a
+    comparison. The result has been fitted to the truth, so it is reported beside the plain one only.
 
     Args:
         image, truth: RGB in [0, 1], shape (H, W, 3).

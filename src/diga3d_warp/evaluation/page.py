@@ -1,4 +1,4 @@
-"""The report's page: its style, its one script, and the frame that holds its sections."""
+"""HTML page of the report: style, script and sections."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def page(title: str, sections: list[str]) -> str:
     """The whole page as HTML, with nothing to load from elsewhere.
 
     Args:
-        title: Of the browser's tab.
+        title: Title of the page.
         sections: HTML, in order.
     """
     return (

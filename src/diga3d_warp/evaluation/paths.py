@@ -13,7 +13,7 @@ from diga3d_warp.scene.extent import central_cameras
 
 KEY_VIEWS = 16
 """Views that the path passes exactly. Handheld captures jitter from view to view; a path through all of them
-would too. Chosen by eye."""
+would jitter too. Chosen by eye."""
 
 CLOSED_GAP = 2.5
 """A path returns to its start as a loop if that step is at most this many times its median step, and goes

@@ -1,11 +1,11 @@
-"""Protocols: which views of a run are compared with what.
+"""Evaluation protocols: which views of a run are compared with which images.
 
 held-out
     Against photographs that were never fitted. A run that removes an object has no photograph without it, so
     there the splat before the edit is scored on all pixels, the edited one on unmasked pixels only, and the
     two against each other on unmasked pixels: what the edit should have left alone. Pictures are compared as
     they render. Where a fit had exposures, it is compared a second time under a name of its own, after the
-    affine colour transform that suits each photograph best, which has then seen the photograph. Photographs
+    affine colour transform that fits each photograph best. Photographs
     with transparent pixels and their renderings are compared over white, as in NeRF-synthetic's protocol.
 spin-nerf
     Against the photographs without the object that a SPIn-NeRF scene brings: whole, over the mask, over the
@@ -194,7 +194,7 @@ def _against_truth(folder: Path, views: list[View], effects: Effects) -> Compari
 
 
 def _unmasked_loss(comparisons: list[Comparison]) -> float | None:
-    """PSNR that the edit cost where it should have changed nothing [dB]; None where that is not known."""
+    """PSNR lost on unmasked pixels, which the edit should not change [dB]; None if unknown."""
     means = [comparison.mean.get("unmasked") for comparison in comparisons[:2]]
     if len(means) < 2 or means[0] is None or means[1] is None:
         return None

@@ -40,10 +40,10 @@ class StageRecord(TypedDict):
     """A finished stage in the manifest.
 
     Attributes:
-        name: Of the stage.
+        name: Name of the stage.
         seconds: Time spent [s].
-        peak_mib: Largest resident memory of the process meanwhile [MiB].
-        resumed: Whether it went on from what a killed process had left.
+        peak_mib: Peak resident memory of the process during the stage [MiB].
+        resumed: Whether it continued from the files of an interrupted process.
     """
 
     name: str
@@ -99,7 +99,7 @@ class ProcessRecord(TypedDict):
 
 
 class ManifestBegun(TypedDict):
-    """What a manifest holds from the beginning."""
+    """Keys that a manifest has from the start of a run."""
 
     command: str
     command_line: str
@@ -112,14 +112,14 @@ class ManifestBegun(TypedDict):
 
 
 class Manifest(ManifestBegun, total=False):
-    """The manifest of a run; keys that are not named here are its own business.
+    """The manifest of a run. Other keys are allowed and not read.
 
     Attributes:
         process: The one that wrote it last.
         peak_mib: Largest resident memory of all processes of the run, from their start on [MiB].
         reading_mib: The same until the first stage: mostly that of reading the capture.
         effects: What the scene called for.
-        held_to: What else the result depends on: every setting, and digests of the capture.
+        held_to: All settings, and digests of the capture: --resume refuses other ones.
     """
 
     process: ProcessRecord
@@ -145,7 +145,7 @@ class ComparisonRecord(TypedDict):
 
 
 class EvaluationBegun(TypedDict):
-    """What every evaluation holds, see `protocols.evaluate`."""
+    """Keys that every evaluation has, see `protocols.evaluate`."""
 
     protocol: str
     image_scale: float

@@ -79,7 +79,7 @@ def write_report(folder: Path) -> Path:
 
 
 def _tiles(manifest: Mapping[str, Any], metrics: Mapping[str, Any]) -> str:
-    """The few figures that a reader looks for first."""
+    """The headline figures."""
     tiles = []
     evaluation = metrics.get("evaluation", {})
     for entry in evaluation.get("comparisons", []):
@@ -157,7 +157,7 @@ def _tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
 
 
 def _effects(manifest: Mapping[str, Any]) -> str:
-    """What the scene called for, and why; nothing for a run that did not ask it."""
+    """The chosen effects with their evidence; empty for a run without a choice."""
     plan = manifest.get("effects")
     return _table(Table.from_json(plan["table"])) if plan and "table" in plan else ""
 

@@ -10,7 +10,7 @@ from typing import Any
 from diga3d_warp.evaluation.metrics import REGIONS, Score
 
 FIGURE = re.compile(r"[-+]?\d|inf|–|$")
-"""How a figure begins; an empty cell is one as well."""
+"""Start of a number; an empty cell counts as one."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Table:
     """A titled table.
 
     Attributes:
-        title: What it shows.
+        title: Title of the table.
         columns: Heads; the first names the rows.
         rows: Cells as text, one row each, as long as `columns`.
     """
@@ -49,7 +49,7 @@ class Table:
         return "\n".join([f"**{self.title}**", "", *lines]) + "\n"
 
     def holds_words(self, column: int) -> bool:
-        """Whether a cell of the column is no figure."""
+        """Whether a cell of the column is not a number."""
         return any(FIGURE.match(row[column]) is None for row in self.rows)
 
     def as_json(self) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Attention feature propagation (AFP): views attend to the features of reference views.
 
-Paper Sec. 3.3, Eq. 3 and Eq. 4. A bank holds what references leave at one timestep; priors pass each of their
-self-attentions through it, whatever attention is to them.
+Paper Sec. 3.3, Eq. 3 and Eq. 4. A bank holds the features of the references at one timestep; a prior passes
+each of its self-attentions through it, in whatever form the prior has them.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ AFP_WEIGHT = 0.6
 
 
 class Features(Protocol):
-    """What a view leaves at one attention, for others to attend to: the bank does not look inside."""
+    """Features of a view at one attention layer, to which other views attend; opaque to the bank."""
 
     @property
     def nbytes(self) -> int:
-        """What it occupies [bytes]."""
+        """Memory of the features [bytes]."""
         ...
 
 
@@ -42,15 +42,15 @@ class KeysValues:
 
     @property
     def nbytes(self) -> int:
-        """What both occupy [bytes]."""
+        """Memory of keys and values [bytes]."""
         return self.key.nbytes + self.value.nbytes
 
 
 class AttentionBank:
     """Features of reference views at one timestep, and the attention to them.
 
-    Off, attention is as if the bank were not there. In `writing`, each attention also leaves its features; in
-    `reading`, it is blended with the attention to them:
+    Outside of both modes attention is unchanged. In `writing`, each attention also stores its features; in
+    `reading`, it is blended with the attention to the stored ones:
 
         w / K sum_r Attn(Q_i, K_r, V_r) + (1 - w) Attn(Q_i, K_i, V_i)
 
@@ -74,7 +74,7 @@ class AttentionBank:
 
     @contextmanager
     def writing(self, half: Hashable = None) -> Iterator[None]:
-        """Attentions in this block leave their features.
+        """Attentions in this block store their features.
 
         Args:
             half: Half of classifier-free guidance; a reader of the same half finds them.
@@ -93,12 +93,12 @@ class AttentionBank:
         features: Sequence[Features],
         attention: Callable[[Any], torch.Tensor],
     ) -> torch.Tensor:
-        """One self-attention, as the mode asks.
+        """One self-attention layer: plain, written to the bank, or blended with the references' features.
 
         Args:
             layer: Name of the attention, the same for all views.
             own: Attention of each view to itself, shape (B, ...).
-            features: What each of the B views leaves, if it is a reference.
+            features: Features of each of the B views, stored in `writing`.
             attention: Attention of the B views to the features of one reference, shape (B, ...).
 
         Returns:
@@ -123,7 +123,7 @@ class AttentionBank:
 
     @property
     def size(self) -> int:
-        """What the kept features occupy [bytes]."""
+        """Memory of the stored features [bytes]."""
         return sum(each.nbytes for kept in self._kept.values() for each in kept)
 
     def _as(self, mode: Literal["write", "read"], half: Hashable) -> Iterator[None]:
@@ -146,7 +146,7 @@ def attend_through(
     """The self-attention of a network, through a bank.
 
     Args:
-        bank: Where references leave their keys and values.
+        bank: Bank that stores the keys and values of the references.
         layer: Name of the attention.
         query: Shape (B, ..., N, D), one row a view.
         key: Shape (B, ..., M, D).

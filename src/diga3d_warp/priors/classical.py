@@ -16,11 +16,11 @@ from diga3d_warp.priors.surroundings import separate, stretch
 
 @dataclass(frozen=True)
 class ClassicalSettings:
-    """How shift maps are cut out.
+    """Sizes of the cut-outs that shift maps are computed on.
 
     Attributes:
-        strip: Height of the strips that a hole is filled in [image diagonals]. What stands at one height in a
-            photograph mostly lies at one depth: filled whole, a hole in a lawn took in bushes and road.
+        strip: Height of the strips in which a hole is filled [image diagonals]. Pixels at one height of a
+            photograph mostly have similar depths: filled whole, a hole in a lawn received bushes and road.
         margin: Surroundings that a strip may copy from, to the left and right [hole widths].
         margin_min: Least margin, and the one above and below [px]: twice the 8 px patch that OpenCV matches.
         apart: Holes closer than this are filled together [px].
@@ -46,9 +46,9 @@ class ClassicalPrior:
     """Shift-map inpainting (He and Sun 2012, in OpenCV contrib's xphoto).
 
     Copies known parts of the image by their most frequent offsets and stitches them by graph cut: sharp, and
-    true to the photograph's own textures. It knows no objects and no perspective; filling a hole strip by
-    strip from the top keeps it to surroundings of the same height. Telea's method fills what has too little
-    surroundings.
+    true to the photograph's own textures. It models neither objects nor perspective; filling a hole strip
+    by strip from the top limits it to surroundings of the same height. Telea's method fills holes that have
+    too little surroundings.
     """
 
     name = "classical"

@@ -1,4 +1,4 @@
-"""Conditions of a noise estimate: prompts, the known part of the image, controls."""
+"""Conditioning of a noise estimate: prompts, the known part of the image, control images."""
 
 from __future__ import annotations
 

@@ -73,8 +73,8 @@ class TextureGeometryGuide:
 
         Args:
             image: RGB, shape (H, W, 3). Carries gradient, zero outside the mask.
-            done: Part of the optimisation that is done, in [0, 1].
-            generator: Of timestep and noise.
+            done: Completed share of the optimisation, in [0, 1].
+            generator: Random generator for the timestep and the noise.
         """
         t = distillation_timestep(self.prior.schedule, done, self.settings, generator)
         masks = self.mask[self.window][None].to(image.device)
@@ -99,7 +99,7 @@ def distillation_timestep(
 
     Args:
         schedule: Noise levels of the prior.
-        progress: How far the optimisation is, in [0, 1].
+        progress: Completed share of the optimisation, in [0, 1].
         settings: Range and annealing.
         generator: Drawn from only if timesteps are not annealed.
     """
@@ -139,7 +139,7 @@ def distillation_loss(
         controls: Texture and depth map warped from the reference of the view's cluster, B rows each, of the
             prior's native size for these images.
         t: Timestep, from `distillation_timestep`.
-        generator: Of the added noise, on the host.
+        generator: Random generator for the added noise, on the host.
         known: Images whose unmasked pixels condition the prior, shape (B, H, W, 3); `images` if None.
 
     Raises:

@@ -33,8 +33,8 @@ def guided_noise(
         t: Timestep.
         guidance: Prompts and scale.
         cond: Known part, B rows.
-        controls: Images to follow, B rows each.
-        within: Context that each half is estimated in: `AttentionBank.writing`, `AttentionBank.reading`.
+        controls: Control images, B rows each.
+        within: Context manager around the estimate of each half: `AttentionBank.writing` or `.reading`.
 
     Returns:
         Noise, shape (B, C, h, w).

@@ -32,11 +32,11 @@ def invert(
     Args:
         prior: The diffusion prior.
         z: Clean latents, shape (B, C, h, w).
-        text: `Prompts.positive` or `Prompts.negative`: what the image shows, not what it is edited to.
+        text: `Prompts.positive` or `Prompts.negative` of a prompt for the image as it is, before the edit.
         cond: Known part, B rows.
-        controls: Control images, B rows each; as in the sampling that will return.
-        steps: Of the sampling that will return; the same number leads back.
-        strength: Part of the schedule up to pure noise [1]; as in the sampling that will return.
+        controls: Control images, B rows each; as in the sampling that follows.
+        steps: DDIM steps; must equal those of the sampling that follows.
+        strength: Part of the schedule up to pure noise [1]; as in the sampling that follows.
         fixed_point: Whether to iterate once.
 
     Returns:

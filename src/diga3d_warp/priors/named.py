@@ -1,4 +1,4 @@
-"""Priors by the names that the command line knows, or by folder."""
+"""Load a prior by its name on the command line, or from a file or folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a sampling will take, in time and memory, measured on one view before it starts."""
+"""Estimate of the time and memory of a sampling, measured on one view before it starts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class SamplingPlan:
         reading_seconds: One estimate of one view that also attends to the references [s].
         bank_bytes: Keys and values of all references at one timestep. Independent of N.
         device_bytes: Most memory in use during one estimate of one view, weights and bank included; None
-            where it cannot be told (CPU).
+            where it cannot be measured (CPU).
         host_bytes: Latents, conditions and controls of all views.
     """
 

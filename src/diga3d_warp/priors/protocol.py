@@ -14,14 +14,14 @@ from diga3d_warp.priors.schedule import Schedule
 from diga3d_warp.priors.settings import SamplingSettings
 
 Task = Literal["remove", "retexture", "replace"]
-"""What the prompts are for. Priors whose prompts do not depend on it ignore it."""
+"""Task of the prompts. Priors whose prompts do not depend on the task ignore it."""
 
 
 class Prior(Protocol):
-    """Fills what no photograph shows.
+    """Fills image regions that no photograph shows.
 
-    `fill` is all that the classical prior has. `DiffusionPrior` also offers noise estimates, for attention
-    propagation and score distillation; a pipeline that needs them asks for them, not for a class.
+    The classical prior and LaMa have `fill` only. `DiffusionPrior` adds noise estimates, which attention
+    propagation and score distillation need.
     """
 
     @property
@@ -35,9 +35,9 @@ class Prior(Protocol):
         """Fill the masked pixels so that they continue the others.
 
         Args:
-            image: RGB in [0, 1], shape (H, W, 3), float32. Masked pixels are not looked at.
+            image: RGB in [0, 1], shape (H, W, 3), float32. Masked pixels are not read.
             mask: True where to fill, shape (H, W), bool. May be empty.
-            seed: Same image, mask and seed: same bytes.
+            seed: The same image, mask and seed give the same bytes.
             depth: z of the surface to be seen at each pixel, also behind the mask [scene units], positive,
                 shape (H, W), float32. Says which surroundings continue behind the mask; a prior may ignore
                 it.
@@ -61,12 +61,12 @@ class DiffusionPrior(Prior, Protocol):
 
     @property
     def schedule(self) -> Schedule:
-        """Noise levels that the prior knows."""
+        """Noise levels of the prior."""
         ...
 
     @property
     def device(self) -> torch.device:
-        """Where latents belong."""
+        """Device of the latents."""
         ...
 
     @property
@@ -84,12 +84,12 @@ class DiffusionPrior(Prior, Protocol):
 
     @property
     def sampling(self) -> SamplingSettings:
-        """Settings that suit the prior when views are sampled."""
+        """Default sampling settings of the prior."""
         ...
 
     @property
     def learned(self) -> bool:
-        """Whether it is a trained network, rather than one that only has the images at hand."""
+        """Whether the prior has trained weights, rather than only the patches of the images at hand."""
         ...
 
     @property
@@ -134,7 +134,7 @@ class DiffusionPrior(Prior, Protocol):
         ...
 
     def embed_images(self, images: torch.Tensor) -> Any:
-        """`image_embeds` for `predict_noise`, of images (B, H, W, 3); None without an image encoder."""
+        """`image_embeds` for `predict_noise` from images (B, H, W, 3); None without an image encoder."""
         ...
 
     def predict_noise(
@@ -146,7 +146,7 @@ class DiffusionPrior(Prior, Protocol):
         controls: Sequence[Control] = (),
         image_embeds: Any = None,
     ) -> torch.Tensor:
-        """The noise that `z` holds, whatever the model itself predicts.
+        """Estimate the noise in `z`, whatever parametrisation the model itself predicts.
 
         Args:
             z: Noisy latents, shape (B, C, h, w).
@@ -154,7 +154,7 @@ class DiffusionPrior(Prior, Protocol):
             text: `Prompts.positive` or `Prompts.negative`, for all B images. The two halves of
                 classifier-free guidance come in two calls, so that attention banks keep them apart.
             cond: Known part, B rows. None only for a prior that is not `mask_aware`.
-            controls: Images to follow, B rows each.
+            controls: Control images, B rows each.
             image_embeds: From `embed_images`, for all B images: the image that they should look like.
 
         Returns:
@@ -180,7 +180,7 @@ def check_shapes(image: torch.Tensor, mask: torch.Tensor) -> None:
 
 
 def check_fill(image: torch.Tensor, mask: torch.Tensor) -> None:
-    """Refuse what no prior can fill.
+    """Refuse an image and a mask that no prior can fill.
 
     Raises:
         InputError: the mask covers everything, or the shapes do not fit.

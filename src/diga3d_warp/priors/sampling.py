@@ -1,8 +1,8 @@
 """DDIM sampling of many views at once, with attention propagation from the reference views.
 
 The timestep is the outermost loop: at each, the references write their keys and values, the other views read
-them in mini-batches, and the bank is emptied. So one timestep's keys of K references are all that is kept,
-however many views there are; of the views themselves, latents and conditions wait on the host.
+them in mini-batches, and the bank is emptied. So the bank holds one timestep of K references, however many
+views there are; latents and conditions of the views stay on the host.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class ViewLatents:
     Attributes:
         start: Latents to start from, noise or inverted images, shape (N, C, h, w).
         cond: Known parts, N rows.
-        controls: Images to follow, N rows each.
+        controls: Control images, N rows each.
         noise: Noise of the known part, for a prior that is not `mask_aware`; `start` if None.
         inpainted: The references are inpainted already: each timestep starts from their clean latents.
     """
@@ -61,7 +61,7 @@ def sample_views(
     """Denoise all views; all but the references attend to the references.
 
     Args:
-        prior: What estimates noise.
+        prior: The diffusion prior.
         views: Start latents and conditions of each view.
         guidance: Prompts and guidance scale, for all views.
         settings: Steps, strength, batch size and weight of propagation.

@@ -1,4 +1,4 @@
-"""How views are sampled."""
+"""Settings of the sampling of views."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from diga3d_warp.priors.attention import AFP_WEIGHT
 
 @dataclass(frozen=True)
 class SamplingSettings:
-    """How views are sampled.
+    """Steps, strength, batch size and propagation weight of the sampling.
 
     Attributes:
         steps: DDIM steps from pure noise [1]. 20 to 50 are usual for inversion and sampling.

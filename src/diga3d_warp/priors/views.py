@@ -73,7 +73,7 @@ def inpaint_views(
         controls: Edges and depth that condition the sampling (ControlNet).
         source: Prompt half (`Prompts.positive` of a prompt) that describes the images as they are: sampling
             starts from their DDIM inversion. If None it starts from noise, the same for all views.
-        seed: Of the noise.
+        seed: Seed of the noise.
         say: Called with a line on time and memory before sampling starts.
         progress: Called after each timestep with the number of finished timesteps.
 

@@ -27,9 +27,9 @@ class WindowSettings:
         around: Sides of a window [sides of the largest mask]. At 1.6 three tenths of the object's size are
             left on each side, which show light and support.
         oblong: Most that a window's long side is [short sides]. Photographs are up to 16:9; of a mast alone
-            the prior would make a long strip, in which latents of its usual size see little.
+            it would be a long strip, whose few latents across show little context.
         enlarged: Most that a window is enlarged to the prior's native size [1]. Enlarged further, its
-            surroundings would be a blur, and the prior would go on with that.
+            surroundings would be blurred, and the prior would continue the blur.
     """
 
     around: float = 1.6
@@ -41,8 +41,7 @@ class WindowSettings:
 class Windows:
     """Windows of one size, one in each view that has a mask; smaller only where a view is smaller.
 
-    One size for all, so that what is near in one view and far in another is shown to the prior as large as it
-    is, and textures have one scale.
+    All windows have one size, so that textures have the same scale in all views.
 
     Attributes:
         views: Indices of the views that have a mask.

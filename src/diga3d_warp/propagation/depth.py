@@ -9,7 +9,7 @@ from diga3d_warp.propagation.membrane import membrane
 
 WINDOW = 5
 """Side of the neighbourhood that a depth at the rim must agree with [px]. Single gaussians stick out of a
-fitted surface by a few pixels, and the rim would hand them on to the whole region."""
+fitted surface by a few pixels, and the rim would spread them over the whole region."""
 
 OUTLIER = 3.0
 """From how many median deviations on a depth at the rim is replaced by the median of its neighbourhood [1].
@@ -21,11 +21,11 @@ def complete_depth(depth: np.ndarray, hole: np.ndarray) -> np.ndarray:
     """Fill the holes of a depth map by harmonic interpolation of inverse depth.
 
     The inverse depth of a plane is an affine function of the pixel, which is harmonic: behind an object on a
-    floor the floor goes on exactly. Elsewhere it gives the smoothest surface between the rims.
+    floor the floor continues exactly. Elsewhere it gives the smoothest surface between the rims.
 
     Args:
         depth: z along the camera axis [scene units], shape (H, W); not positive or not finite is unknown.
-        hole: True where depth is wanted whatever it was, shape (H, W), bool.
+        hole: True where depth is replaced, shape (H, W), bool.
 
     Returns:
         Depth that is positive and finite everywhere, shape (H, W), float32. Known depth outside the hole is

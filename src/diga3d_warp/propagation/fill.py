@@ -51,7 +51,7 @@ def fill_references(
     *,
     together: bool = True,
 ) -> list[Fill]:
-    """Fill each reference, in their order.
+    """Fill the references one after another, in the order given.
 
     Args:
         cameras: One per view.
@@ -81,19 +81,19 @@ def invent(
     image: np.ndarray, depth: np.ndarray, hole: np.ndarray, prior: Prior, seed: int,
     alpha: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Colour and depth of a hole that no view sees into.
+    """Inpaint colour and depth of a hole that no view observes.
 
     Where the object stood on a surface clearly nearer than the background, the two are filled separately,
     each from its own surroundings.
 
     Args:
-        image: RGB, shape (H, W, 3), float32 in [0, 1]. The hole's pixels are not looked at.
+        image: RGB, shape (H, W, 3), float32 in [0, 1]. The hole's pixels are not read.
         depth: z along the camera axis [scene units], shape (H, W); 0 where unknown.
         hole: shape (H, W), bool. May be empty.
-        prior: Invents the colours.
-        seed: Of the prior.
-        alpha: Opacity of the image, shape (H, W), uint8: what is transparent shows nothing that could go on
-            in the hole. None for opaque everywhere.
+        prior: Inpaints the colours.
+        seed: Seed of the prior.
+        alpha: Opacity of the image, shape (H, W), uint8: transparent pixels are not continued into the hole.
+            None if the image is opaque everywhere.
 
     Returns:
         Image and depth, known pixels unchanged, depth positive everywhere.
@@ -159,9 +159,9 @@ class _Source:
     """A filled reference that other views take from.
 
     Attributes:
-        fill: What it shows.
+        fill: The filled reference.
         rim: z of the known surface around the fill [scene units], shape (H, W); 0 elsewhere.
-        camera: Where it is seen from.
+        camera: Camera of the reference.
     """
 
     fill: Fill

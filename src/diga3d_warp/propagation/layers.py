@@ -2,7 +2,7 @@
 
 A figure on a plinth hides the plinth's top and the lawn beyond. Filled in one go, the lawn runs into the
 plinth. Where the rim of a hole lies partly on a surface that is clearly nearer than the rest, that surface is
-taken for convex: its convex hull tells which part of the hole it continues into.
+assumed convex: its convex hull gives the part of the hole that it continues into.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from diga3d_warp.propagation.depth import complete_depth
 
 @dataclass(frozen=True)
 class LayerSettings:
-    """When a hole is split in two.
+    """Thresholds for splitting a hole into two surfaces.
 
     Attributes:
         step: Ratio of depths between neighbouring pixels from which they lie on two surfaces [1]. A fitted
             surface wavers by some percent; an object's edge is a step of ten and more.
         nearer: Ratio of depths from which a surface is clearly nearer than the others at the rim [1].
-        rim: Width of the rim that is looked at [px].
+        rim: Width of the rim that is examined [px].
         rim_share: Part of the rim that the near surface must hold; less is a floater or a twig.
         hull_share: Largest part of the hole that the near surface may continue into: one that encloses the
             hole is not a second surface but the only one.
-        margin: Surroundings that are looked at [hole sizes]. Further out the near surface meets the ground
-            that it stands on, and can no longer be told from it.
-        source_margin: Surroundings that what lies behind is filled from [hole sizes]. Further away other
-            things begin: a lawn was filled with the road at a margin of the whole image.
+        margin: Surroundings that are examined [hole sizes]. Further out the near surface meets the ground
+            that it stands on, and the two can no longer be separated.
+        source_margin: Surroundings from which the background is filled [hole sizes]. Further away other
+            surfaces begin: with the whole image as margin, a lawn was filled with the road.
     """
 
     step: float = 1.08
@@ -114,7 +114,7 @@ def near_layer(
 
 
 def surroundings(hole: np.ndarray, settings: LayerSettings | None = None) -> tuple[slice, slice]:
-    """The box around a hole that what lies behind is filled from."""
+    """The box around a hole from which the background is filled."""
     s = settings or LayerSettings()
     return _box(hole, int(s.source_margin * max(np.ptp(np.nonzero(hole), axis=1))))
 

@@ -6,7 +6,7 @@ import numpy as np
 
 
 def membrane(values: np.ndarray, known: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Values on the wanted pixels, each the mean of its neighbours.
+    """Solve Laplace's equation on the wanted pixels: each value is the mean of its neighbours.
 
     Args:
         values: shape (H, W, C), float64; read where `known`.

@@ -1,4 +1,4 @@
-"""Which views are filled first: K references that stand for all others (paper Sec. 3.3)."""
+"""Selection of the K reference views, which are filled first (paper Sec. 3.3)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class References:
 
     Attributes:
         indices: Index of each reference among the views, shape (K,).
-        cluster: For every view, which reference stands for it, as an index into `indices`, shape (N,), int64.
+        cluster: For every view, the reference of its cluster, as an index into `indices`, shape (N,), int64.
     """
 
     indices: list[int]
@@ -36,7 +36,7 @@ class References:
 
 
 def check_reference_count(count: int, views: int) -> None:
-    """Refuse a number of references that the views cannot give.
+    """Refuse a number of references that is not between 1 and the number of views.
 
     Raises:
         InputError: there are fewer views than references, or no reference is asked for.
@@ -55,14 +55,14 @@ def select_references(
     """Choose reference views from the camera centres.
 
     "kmeans" clusters the centres and takes the view nearest to the middle of each cluster, as the paper does.
-    "random" draws the views: what k-means is compared with. Both then give every view to its nearest
-    reference. A camera far from all others is no reference, as long as there are enough others.
+    "random" draws the views, as a baseline. Both then assign every view to its nearest reference. A camera
+    far from all others is not chosen as long as there are enough others.
 
     Args:
         centers: Camera centres in world space [scene units], shape (N, 3).
         count: Number of references K.
-        seed: Same seed, same references.
-        method: How to choose.
+        seed: Seed of the k-means starts or of the draw.
+        method: "kmeans" or "random".
         usable: Which views may be references, N of them, from `usable_views`; all if None. If these are fewer
             than K, each of them is one.
 
@@ -92,10 +92,10 @@ def select_references(
 
 
 def usable_views(areas: Sequence[np.ndarray]) -> list[bool]:
-    """Which views can be references: those that show enough of what is edited, and something around it.
+    """Views that can be references: they show enough of the edited region, and some of its surroundings.
 
-    A reference in which next to nothing is edited has nothing for others to follow; one that shows nothing
-    else has nothing to start from.
+    A reference with a tiny edited region gives other views nothing to follow; one without surroundings gives
+    the prior nothing to continue.
 
     Args:
         areas: Where each view is edited, shape (H, W), bool.
@@ -127,7 +127,7 @@ def _nearest_to_means(centers: np.ndarray, count: int, generator: np.random.Gene
 
 
 def _spread_start(points: np.ndarray, count: int, generator: np.random.Generator) -> np.ndarray:
-    """First means far from each other (k-means++); chosen here so that no two coincide if they need not."""
+    """Initial means far from each other (k-means++), distinct wherever the points are."""
     chosen = [int(generator.integers(len(points)))]
     for _ in range(count - 1):
         distance = _distances(points, points[chosen]).min(1)

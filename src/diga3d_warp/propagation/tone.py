@@ -17,7 +17,7 @@ from diga3d_warp.propagation.membrane import membrane
 
 @dataclass(frozen=True)
 class ToneSettings:
-    """How the difference at the rim is measured.
+    """Scales at which the difference at the rim is measured.
 
     Attributes:
         cell: Side of the cells on which differences are averaged [px at an image diagonal of 630]. Light

@@ -1,14 +1,14 @@
-"""What no view saw: each view's mask shrunk to what no other view observes behind the object.
+"""Shrink each view's mask to the pixels behind the object that no other view observes.
 
 Follows the idea of 3DGIC: the background behind the object in one view is beside the object in others.
 There a photograph shows it, so it need not be inpainted. A point behind the object counts as observed by
 another view if it is the first surface there (its depth agrees with that view's own), outside that view's
-mask, and looked at from a similar direction: through a hole that the object left, a camera looks at the backs
-of surfaces, whose fronts the others see.
+mask, and seen from a similar direction: through the hole that the object left, a camera may see the back
+of a surface whose front the other views see.
 
-Where photographs are transparent there may be nothing behind the object, and then nothing is invented. That
-is so where the scene without the object lets the background through, in a part of the image that runs on into
-what the photograph shows as transparent. A part that surfaces enclose is a hole that the object left.
+Where photographs are transparent there may be nothing behind the object, and then nothing is inpainted. This
+holds where the scene without the object is transparent and the transparent region reaches the transparent
+part of the photograph. A transparent region enclosed by surfaces is a hole that the object left.
 """
 
 from __future__ import annotations
@@ -35,20 +35,20 @@ waver by some levels; a rim lets half of the background through."""
 
 @dataclass(frozen=True)
 class UnseenSettings:
-    """When a pixel counts as observed.
+    """Thresholds for counting a pixel as observed.
 
     Attributes:
         depth_tolerance: Largest difference of depths that are the same surface [ratio]. The depth of a
             fitted splat wavers by about 1 % on textured ground; an object stands off by more.
-        alpha_min: Least opacity of a depth that is believed. Below one half most of the light comes from
+        alpha_min: Least opacity at which a depth is used. Below one half most of the light comes from
             behind the surface.
         angle_max: Largest angle between the two directions towards a point [degrees]. At 60 a surface that
-            faces one camera at 30 still faces the other; beyond, its look changes too much to be reused.
+            faces one camera at 30 still faces the other; beyond, its appearance changes too much.
         observers: How many views must observe a pixel, if there are as many. One alone may be fooled by a
             floater.
         blended: How many observations, from the nearest views, the median colour is taken of. Five outvote
             two wrong ones; more only blur.
-        views_max: Nearest views that are asked. Bounds the time on large captures.
+        views_max: Number of nearest views that are searched. Bounds the time on large captures.
         closing: Radius by which gaps in the unseen region are closed [px at an image diagonal of 630].
         speck: Smallest unseen region that is kept, in the same measure squared [px^2]; smaller ones are gaps
             between samples and take their neighbours' colours.
@@ -66,7 +66,7 @@ class UnseenSettings:
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """What is known of one view's background inside its mask.
+    """The observed background inside the mask of one view.
 
     Attributes:
         unseen: True where no view saw the background, shape (H, W), bool. A part of the mask.
@@ -141,7 +141,7 @@ def _clear(view: View, mask: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Observer:
-    """A view that others ask: its camera, and as Warp arrays its depth, usable pixels and photograph."""
+    """A view searched by others: its camera, and as Warp arrays its depth, usable pixels and photograph."""
 
     camera: Camera
     surface: wp.array
@@ -215,7 +215,7 @@ def _with_nothing(
     own = view.opacity
     outside = ~mask & (own < 128)
     solid = np.where(mask, alpha >= settings.alpha_min, own >= 128).astype(np.uint8)
-    # Crumbs and spikes that no other view saw are left of the object.
+    # Small unseen specks and spikes are remains of the object.
     opened = cv2.morphologyEx(solid, cv2.MORPH_OPEN, _disc(settings, mask))
     crumbs = (opened == 0) & ~found.observed
     through = outside | (mask & ((alpha < settings.alpha_min) | crumbs))
