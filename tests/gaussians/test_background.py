@@ -10,7 +10,7 @@ from test_fit import SETTINGS, cameras, same, stopped_at
 
 from diga3d_warp.config import Effects
 from diga3d_warp.gaussians import fit as fitting
-from diga3d_warp.gaussians.exposure import evened, exposed, unexposed
+from diga3d_warp.gaussians.exposure import exposed, exposure_corrected, unexposed
 from diga3d_warp.gaussians.fit import Target, fit
 from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.splatting.render import render
@@ -131,7 +131,7 @@ def test_an_evened_photograph_keeps_its_background(truth):
     seen = seen_by(truth, cameras()[0], (0.0, 0.0, 0.0))
     through = (1.0 - seen.alpha)[..., None]
     photograph = exposed(seen.color, GAIN) - through * GAIN[:, 3] + through * torch.tensor(BACKGROUND)
-    even = evened(to_uint8(photograph).numpy(), GAIN, to_uint8(seen.alpha).numpy())
+    even = exposure_corrected(to_uint8(photograph).numpy(), GAIN, to_uint8(seen.alpha).numpy())
     wanted = seen_by(truth, cameras()[0]).color.clamp(0, 1)
     inside = (photograph > 0.01).all(2) & (photograph < 0.99).all(2)  # what was clipped stays clipped
     assert inside.sum() > 200

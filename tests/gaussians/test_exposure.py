@@ -10,7 +10,7 @@ import torch
 from test_fit import SETTINGS, cameras, psnr, same, stopped_at
 
 from diga3d_warp.config import Effects
-from diga3d_warp.gaussians.exposure import IDENTITY, Exposures, best_transform, evened, exposed
+from diga3d_warp.gaussians.exposure import IDENTITY, Exposures, best_transform, exposed, exposure_corrected
 from diga3d_warp.gaussians.fit import Target, fit
 from diga3d_warp.scene.camera import Camera, look_at
 from diga3d_warp.splatting.render import render
@@ -136,5 +136,5 @@ def test_an_exposure_can_be_undone():
     transform = torch.cat([gain, torch.tensor([[0.02], [-0.01], [0.0]])], dim=1)
     photograph = (exposed(torch.from_numpy(pixels) / 255.0, transform) * 255).round().to(torch.uint8).numpy()
     assert np.abs(photograph.astype(int) - pixels).mean() > 10
-    assert np.abs(evened(photograph, transform).astype(int) - pixels).max() <= 2
-    assert evened(photograph, 0.1 * IDENTITY) is photograph, "noise would be amplified"
+    assert np.abs(exposure_corrected(photograph, transform).astype(int) - pixels).max() <= 2
+    assert exposure_corrected(photograph, 0.1 * IDENTITY) is photograph, "noise would be amplified"

@@ -14,7 +14,7 @@ from tiny_removal import SETTINGS
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.perception.segmentation import TextSegmenter
-from diga3d_warp.pipelines.marking import Marks, Words, glance, mark
+from diga3d_warp.pipelines.marking import Marks, Words, mark, quick_masks
 from diga3d_warp.pipelines.mask_propagation import SHEET
 from diga3d_warp.pipelines.remove import remove_object
 from diga3d_warp.pipelines.run import Run
@@ -107,8 +107,8 @@ def test_a_glance_ends_at_the_first_hit(removed, models, hits):
     scene = unmasked(removed.scene)
     names = [view.name for view in scene.views]
     looked = hits(names[1], names[5])
-    glanced = glance(scene, Marks(words=Words("a vase", models)))
-    assert [view.name for view in glanced.views if view.mask is not None] == [names[1]]
+    quick = quick_masks(scene, Marks(words=Words("a vase", models)))
+    assert [view.name for view in quick.views if view.mask is not None] == [names[1]]
     assert looked == names[:2]
 
 
@@ -215,5 +215,5 @@ def test_words_are_looked_for_in_the_upright_photograph(removed, models, hits, o
     stored = replace(
         view, pixels=turned(view.pixels, inverse(orientation)), mask=None, orientation=orientation
     )
-    glanced = glance(replace(removed.scene, views=[stored]), Marks(words=Words("a vase", models)))
-    np.testing.assert_array_equal(glanced.views[0].mask, turned(view.mask, inverse(orientation)))
+    quick = quick_masks(replace(removed.scene, views=[stored]), Marks(words=Words("a vase", models)))
+    np.testing.assert_array_equal(quick.views[0].mask, turned(view.mask, inverse(orientation)))

@@ -1,9 +1,9 @@
-"""What each effect costs where it is on, and that it costs nothing where it is off.
+"""Cost of each effect where it is on; the compiled kernels show that it is zero where it is off.
 
 An effect that is off is not in the kernels: they are compiled for each choice of effects, and no argument or
-branch of them knows of one that was not chosen. So the page compares what the compiler was given: the kernels
-of a renderer with every effect off, and with one of them on. A kernel that is the same in both has one hash;
-another has the effect's statements more.
+branch refers to an effect that was not chosen. So the page compares the source given to the compiler, with
+every effect off and with one of them on. A kernel that an effect does not touch has the same hash in both;
+the others have more statements.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ ALL = (*PRICED, "pixel_order")
 """Every effect that changes what a step computes."""
 
 OUTSIDE = ("exposure", "background")
-"""Effects that torch adds to the finished image: no kernel knows of them."""
+"""Effects that torch applies to the finished image: no kernel depends on them."""
 
 TIMED = Garden(count=30_000, width=324, height=210)
 """A quarter of the garden-like scene: a step takes some 30 ms, so that many repeats fit into a minute."""
@@ -58,7 +58,7 @@ SHOWN_BACKGROUND = (0.35, 0.55, 0.8)
 
 @dataclass(frozen=True)
 class Source:
-    """What the compiler was given for one kernel.
+    """Source of one kernel as given to the compiler.
 
     Attributes:
         digest: Warp's hash of the kernel's code with all that it calls and its options, hexadecimal.
@@ -70,10 +70,10 @@ class Source:
 
 
 def kernels_of(effects: Effects, lens_kind: str) -> dict[str, wp.Kernel]:
-    """The kernels that a rendering with its gradient runs, binning aside, which knows no effect.
+    """The kernels that a rendering with its gradient runs, without binning, which depends on no effect.
 
     Args:
-        effects: What is simulated.
+        effects: Effects to simulate.
         lens_kind: The camera's lens, "brown" or "fisheye".
     """
     accuracy = Accuracy.STANDARD
@@ -95,7 +95,7 @@ def kernels_of(effects: Effects, lens_kind: str) -> dict[str, wp.Kernel]:
 
 
 def source_of(kernel: wp.Kernel) -> Source:
-    """Hash and size of a kernel's code, which is compiled if it was not."""
+    """Hash and size of the code of a kernel, which is compiled if necessary."""
     module = kernel.module
     wp.load_module(module, device="cpu")
     (loaded,) = module.execs.values()
@@ -107,7 +107,7 @@ def bench_effects(out: Path, repeats: int, garden: Garden = TIMED) -> list[Table
     """Measure, and write `effects.md`, `effects.png` and `effects-pictures.png`.
 
     Args:
-        out: Folder for them.
+        out: Folder of the page.
         repeats: Times that each step is run; the fastest counts.
         garden: The scene that is timed.
 
@@ -209,7 +209,7 @@ def _label(name: str) -> str:
 
 
 def draw_pictures(path: Path) -> None:
-    """A still life with each effect off, and below it on."""
+    """Draw a still life with each effect off, and below it on."""
     gaussians, camera = still_life(), still_life_camera()
     pictures(
         path,

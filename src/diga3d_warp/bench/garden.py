@@ -25,7 +25,7 @@ DEGREE = 3
 
 @dataclass(frozen=True)
 class Garden:
-    """How many gaussians cover how large an image, and from which distributions they are drawn.
+    """Number of gaussians, image size, and the distributions from which gaussians are drawn.
 
     The defaults reach the figures of the garden capture: a median radius of 10 px at 3 standard deviations,
     and about 390,000 pairs of gaussians and tiles of 16 px.
@@ -40,7 +40,7 @@ class Garden:
             camera sees only some of them.
         nearest, farthest: Ends of the depths [scene units].
         opacity_least, opacity_most: Ends of the opacities.
-        seed: Of all choices.
+        seed: Seed of all random numbers.
     """
 
     count: int = 120_000
@@ -92,7 +92,7 @@ def _single(values: np.ndarray) -> torch.Tensor:
 
 @dataclass(frozen=True)
 class Statistics:
-    """What a scene asks of a rasteriser.
+    """Workload of a rasteriser on a scene.
 
     Attributes:
         drawn: Gaussians that touch a tile of the image.
@@ -116,7 +116,7 @@ def project_into(gaussians: Gaussians, camera: Camera) -> Projection:
 
 
 def statistics(projection: Projection, camera: Camera) -> Statistics:
-    """Count what a rasteriser has to do for a projected scene."""
+    """Workload of a rasteriser on a projected scene."""
     bins = bin_projection(projection, camera.width, camera.height)
     listed = np.diff(bins.starts.numpy().astype(np.int64)).reshape(bins.rows, bins.columns)
     wide = np.minimum(TILE, camera.width - TILE * np.arange(bins.columns))

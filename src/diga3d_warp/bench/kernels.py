@@ -1,4 +1,4 @@
-"""What each stage of a fit costs, against a plain kernel and against what is wanted."""
+"""Time of each stage of a fit, against a plain kernel and against targets."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from diga3d_warp.pipelines.machine import core_count
 
 @dataclass(frozen=True)
 class Wanted:
-    """What the kernels shall reach on the garden-like scene.
+    """Targets of the kernels on the garden-like scene.
 
     Attributes:
         rasterise_seconds: Sorting, binning and blending with its adjoint, all cores [s]. A fifth of what
@@ -44,7 +44,7 @@ class Measured:
     """All times of one run of the command.
 
     Attributes:
-        statistics: Of the scene.
+        statistics: Workload of the scene.
         one, all: Times of the stages on one thread and on all.
         plain: Times of the plain rasteriser, one thread.
         count: Number of threads of `all`.
@@ -150,7 +150,7 @@ def _stage_row(measured: Measured, name: str, stages: Sequence[str]) -> tuple[st
 
 
 def verdicts(measured: Measured) -> Table:
-    """A line for each target: what was wanted, what was found, and whether that is enough."""
+    """A line for each target: the target, the measurement, and whether it is met."""
     pairs = measured.statistics.listed_pairs
     rasterise, once = _least(measured.all, RASTERISER), _least(measured.one, RASTERISER)
     others, others_once = _least(measured.all, OTHERS), _least(measured.one, OTHERS)

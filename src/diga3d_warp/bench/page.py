@@ -1,4 +1,4 @@
-"""What a benchmark leaves behind: a Markdown page that names machine and command, and plots beside it."""
+"""Output of a benchmark: a Markdown page that names machine and command, and plots beside it."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from diga3d_warp.files import whole_file, write_text
 from diga3d_warp.pipelines.machine import describe_machine, package_versions
 
 SIZE = (7.0, 3.6)
-"""Of a plot with one pair of axes [inch]."""
+"""Size of a plot with one pair of axes [inch]."""
 
 DOTS = 130
 """Dots per inch: 910 px wide, which a page shows without scaling up."""
 
 
 def require_plots() -> None:
-    """Before anything is measured: can plots be drawn?
+    """Check that plots can be drawn, before anything is measured.
 
     Raises:
         InputError: matplotlib is not installed.
@@ -39,11 +39,11 @@ def write_page(
 
     Args:
         path: The .md file.
-        title: Its heading.
-        command: What makes it again.
-        tables: In order.
+        title: Heading of the page.
+        command: Command that reproduces the page.
+        tables: Tables in order.
         plots: Names of image files beside the page.
-        notes: What a reader must know, Markdown.
+        notes: Notes on how to read the page, Markdown.
     """
     machine, versions = describe_machine(), package_versions()
     made = (

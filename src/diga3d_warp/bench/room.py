@@ -1,4 +1,4 @@
-"""The small synthetic room on which benchmarks remove a vase: what their runs share, and the truth."""
+"""The small synthetic room from which benchmarks remove a vase: shared stages and ground truth."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BUDGET = 12_000
 """Gaussians of the fit: as many a pixel as in the demo."""
 
 CAPTURED = ("effects", "fit", "lift", "clear", "look-behind")
-"""Stages of a removal that know of the capture and its masks only, not of how the hole is filled."""
+"""Stages of a removal that depend on the capture and its masks only, not on how the hole is filled."""
 
 
 def share_stages(source: Run, target: Run, names: Iterable[str] = CAPTURED) -> None:

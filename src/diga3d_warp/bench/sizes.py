@@ -1,4 +1,4 @@
-"""What a step of a fit costs in time and memory, against the number of gaussians and of pixels.
+"""Time and memory of a step of a fit, against the number of gaussians and of pixels.
 
 Each size runs in a process of its own, so that its peak of memory is its own: `python -m
 diga3d_warp.bench.sizes COUNT WIDTH HEIGHT REPEATS` prints one line of JSON.
@@ -30,7 +30,7 @@ COUNT, IMAGE = 120_000, (648, 420)
 
 @dataclass(frozen=True)
 class Size:
-    """What one size took.
+    """Time and memory of one size.
 
     Attributes:
         count: Gaussians.
@@ -65,7 +65,7 @@ class Size:
 
 @dataclass(frozen=True)
 class Series:
-    """Growing sizes, and in which respect they grow."""
+    """Growing sizes, and the quantity that grows."""
 
     name: str
     sizes: Sequence[Size]
@@ -133,7 +133,7 @@ def run_size(count: int, width: int, height: int, repeats: int) -> Size:
     """Measure one size in a process of its own.
 
     Raises:
-        InputError: the process died, most likely for want of memory.
+        InputError: the process died, most likely out of memory.
     """
     words = [str(number) for number in (count, width, height, repeats)]
     command = [sys.executable, "-m", "diga3d_warp.bench.sizes", *words]
@@ -223,7 +223,7 @@ def growth_table(series: Sequence[Series]) -> Table:
 
 
 def memory_table(series: Sequence[Series]) -> Table:
-    """How much memory a gaussian and a pixel take."""
+    """Memory per gaussian and per pixel."""
     by_count, _, by_pixels = (one.sizes for one in series)
     bytes_of = {
         "one more gaussian": _slope(by_count, [size.count for size in by_count]),
@@ -233,12 +233,12 @@ def memory_table(series: Sequence[Series]) -> Table:
 
 
 def _slope(sizes: Sequence[Size], amounts: Sequence[int]) -> float:
-    """Bytes that each more takes, from the first size to the last."""
+    """Bytes per additional gaussian or pixel, from the first size to the last."""
     return 2**20 * (sizes[-1].peak_mib - sizes[0].peak_mib) / (amounts[-1] - amounts[0])
 
 
 def _curves(series: Series) -> dict[str, list[float]]:
-    """Times, and how they would grow with the pairs."""
+    """Times, and proportional growth with the pairs as a guide."""
     sizes = series.sizes
     a_pair = sizes[0].step / sizes[0].listed_pairs
     return {

@@ -24,7 +24,7 @@ from diga3d_warp.splatting.render import render
 from diga3d_warp.splatting.shade import shade
 
 Seconds = dict[str, list[float]]
-"""Wall times [s] of each stage, one for each repeat."""
+"""Wall-clock times [s] of each stage, one for each repeat."""
 
 RASTERISER = ("sort and bin", "blend", "blend adjoint", "sum rows")
 """Stages whose cost follows the pairs of pixels and gaussians."""
@@ -41,20 +41,20 @@ STAGES = (
 """All stages in the order in which they run."""
 
 WHOLE = "whole step"
-"""The same step in one piece, as a fit runs it; what it takes beyond its stages is torch's own work."""
+"""The same step in one piece, as a fit runs it; the time beyond its stages is overhead of torch."""
 
 PLAIN = ("plain blend", "plain blend adjoint")
 
 EFFECTS = Effects(depth=False)
 SSIM_WEIGHT = 0.2
 NOISE = 0.1
-"""Standard deviation by which the photograph differs from the rendering, so that every gradient is there."""
+"""Standard deviation of the difference between photograph and rendering, so that no gradient is zero."""
 
 
 STILL = LearningRates(
     means=1e-12, means_final=1e-12, log_scales=1e-12, quaternions=1e-12, opacity_logits=1e-12, sh_dc=1e-12
 )
-"""Too small to move anything: every repeat has the same scene to draw."""
+"""Learning rate too small to change anything: every repeat renders the same scene."""
 
 
 class Bench:
@@ -174,7 +174,7 @@ class Bench:
 
 @contextmanager
 def watch(measured: dict[str, float], name: str) -> Iterator[None]:
-    """Put the wall time of the block [s] under a name."""
+    """Record the wall-clock time of the block [s] under a name."""
     start = time.perf_counter()
     yield
     measured[name] = time.perf_counter() - start
@@ -193,7 +193,7 @@ def quiet() -> Iterator[None]:
 
 @contextmanager
 def threads(count: int) -> Iterator[None]:
-    """Let Warp's launches and torch use so many threads inside the block."""
+    """Set the number of threads of Warp's launches and of torch inside the block."""
     before, torch_before = thread_count(), torch.get_num_threads()
     set_thread_count(count)
     torch.set_num_threads(count)

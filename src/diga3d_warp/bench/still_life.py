@@ -14,7 +14,7 @@ from diga3d_warp.kernels.harmonics import C0
 from diga3d_warp.scene.camera import Camera, Distortion, look_at
 
 C1 = 0.4886025
-"""Harmonics of degree 1 are this times a coordinate of the direction."""
+"""Factor between a harmonic of degree 1 and a coordinate of the direction."""
 
 FLOOR_STEP = 0.09
 """Distance of neighbours on the floor [m]."""

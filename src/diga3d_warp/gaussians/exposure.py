@@ -105,7 +105,9 @@ def best_transform(
     return torch.linalg.solve(normal, wanted).T.float()
 
 
-def evened(pixels: np.ndarray, transform: torch.Tensor, alpha: np.ndarray | None = None) -> np.ndarray:
+def exposure_corrected(
+    pixels: np.ndarray, transform: torch.Tensor, alpha: np.ndarray | None = None
+) -> np.ndarray:
     """A photograph with its exposure undone, as if taken with the mean exposure, uint8 (H, W, 3).
 
     What the photograph clipped stays clipped. A gain too small to be undone leaves the photograph as it is.

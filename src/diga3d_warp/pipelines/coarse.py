@@ -153,7 +153,7 @@ def _keep(folder: Path, views: Sequence[View], fills: Sequence[Fill]) -> None:
 
 
 def read_fills(folder: Path, views: Sequence[View]) -> list[Fill]:
-    """The fills of a stage's folder, one a view."""
+    """Read the fills from the folder of a stage, one a view."""
     fills = []
     for view in views:
         planes = read_arrays(folder / f"{view.name}.npz")

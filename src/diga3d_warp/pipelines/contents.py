@@ -1,4 +1,4 @@
-"""What a run is held to besides its command line: contents of the capture, and every setting."""
+"""Everything that the result of a run depends on besides its command line: capture contents and settings."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ def everything(
     scene: Scene, settings: object, seed: int, effects: Mapping[str, bool | int] | None,
     prior: Prior | None = None, method: Method | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """What `Run.hold_to` takes of a task's arguments.
+    """Collect the arguments of a task for `Run.hold_to`.
 
     Args:
         scene: The capture as the user gave it.
-        settings: Of the task, such as `FitSettings` or `RemoveSettings`.
-        seed: Of everything random.
-        effects: Effects on which the user insists.
-        prior: What invents, where something does.
-        method: As it suits the prior.
+        settings: Settings of the task, such as `FitSettings` or `RemoveSettings`.
+        seed: Seed of all random choices.
+        effects: Effects forced on or off by the user.
+        prior: The prior, if the task has one.
+        method: The method in use with the prior.
     """
     return {
         "capture": capture_contents(scene),
@@ -56,7 +56,7 @@ def capture_contents(scene: Scene) -> dict[str, str]:
 
 
 def prior_settings(prior: Prior) -> dict[str, Any]:
-    """How a prior samples, with numbers of its own if it has any."""
+    """Sampling settings of a prior, and its own settings if it has any."""
     settings: dict[str, Any] = {"name": prior.name, "own": getattr(prior, "settings", None)}
     settings["patches"] = getattr(prior, "patches", None)
     if isinstance(prior, DiffusionPrior):
@@ -65,7 +65,7 @@ def prior_settings(prior: Prior) -> dict[str, Any]:
 
 
 def _numbers(camera: Camera) -> tuple[np.ndarray | str, ...]:
-    """What tells a camera apart, as float32: the last bits depend on the machine."""
+    """Parameters of a camera as float32: the last bits of float64 depend on the machine."""
     lens = camera.distortion
     inside = [camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy]
     inside += lens.coefficients if lens else ()

@@ -1,10 +1,10 @@
 """The demo: remove the vase of a synthetic room, turn it into marble, put a golden ball in its place.
 
-The room has the truth of all three. The removal is measured: the others' truth is another piece of marble and
-another piece of gold, which only the eye can compare.
+The synthetic room has ground truth for all three edits. Only the removal is measured: marble and gold in the
+ground truth have another texture than the edit, and are compared by eye.
 
-The baselines fill the photographs, the removal renders a splat. So the fair comparison is that of the masked
-pixels, which all methods have to invent: the pixels of the masks as the removal widened them.
+The baselines fill the photographs, the removal renders a splat. So they are compared within the masks, whose
+pixels every method has to inpaint; the masks are those that the removal dilated.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SCENE, RUN, RETEXTURED, REPLACED = "scene", "removed", "retextured", "replaced"
 """Folders that the demo makes: the capture with its ground truth, and a run for each task."""
 
 TRUTH = Path("ground_truth") / "without_object"
-"""Where the generator puts the views without the object, in the folder of the capture; beside it the views
+"""Folder of the views without the object, below the folder of the capture; beside it are the views
 with another material and another object."""
 
 MATERIAL, OBJECT = "white marble", "a golden sphere"
@@ -51,8 +51,8 @@ SHOWN = 4
 """Views in the gallery, spread evenly over all."""
 
 ROOM = SyntheticScene(shadows=False, seed=0)
-"""The vase casts no shadow. Masks mark the object, so a shadow would stay, and the comparison would tell how
-dark the shadow is rather than how well the floor goes on."""
+"""The vase casts no shadow. Masks mark the object only, so a shadow would stay, and the comparison would
+measure the shadow rather than the fill."""
 
 SETTINGS = RemoveSettings(fit=FitSettings(iterations=1500, budget=30_000))
 """A fit that takes about two minutes on two cores. The room is small and its images have 320 x 240 pixels:
@@ -67,8 +67,8 @@ Method = Callable[[View, np.ndarray], torch.Tensor]
 def run_demo(out: Path, room: SyntheticScene | None = None) -> Path:
     """Generate a room, edit its vase in three ways, and compare with the ground truth.
 
-    The removal is compared with two fills of each view alone, too. What an earlier call finished is taken up:
-    the scene, and each stage of the runs.
+    The removal is also compared with two baselines that fill each view alone. The scene and the stages that
+    an earlier call finished are reused.
 
     Args:
         out: Folder for the scene and the runs.

@@ -18,8 +18,8 @@ class Exported:
     """A splat file that was written.
 
     Attributes:
-        path: Where it is.
-        notes: What was left out on the way, one line each.
+        path: The file.
+        notes: What was left out in the conversion, one line each.
     """
 
     path: Path
@@ -58,7 +58,7 @@ def export_splat(source: Path, form: str, out: Path | None = None) -> Exported:
 
 
 def _check_out(out: Path, form: str, splat: Path) -> None:
-    """Refuse a name that would mislead, or replace what is read.
+    """Refuse an output path with the wrong ending, or one that is the input.
 
     Raises:
         InputError: the file ends otherwise than the format does, is a folder, or the splat itself.

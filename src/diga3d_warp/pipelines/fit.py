@@ -24,8 +24,8 @@ from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.scene import Scene
 
 BUDGET_PER_POINT = 4
-"""Gaussians at the end of a fit for each sparse point: points stand for texture, and where there is more of
-it more gaussians are needed."""
+"""Gaussians at the end of a fit for each sparse point: more texture gives more points, and needs more
+gaussians."""
 
 BUDGET_LEAST, BUDGET_MOST = 60_000, 150_000
 """Bounds of the budget. Fewer save little time; more want more iterations than minutes on a CPU allow."""
@@ -35,11 +35,11 @@ ITERATIONS_PER_VIEW = 50
 apart from their renderings when the rates have decayed."""
 
 ITERATIONS_MOST = 6000
-"""Most iterations that a fit takes by itself; a user may ask for more."""
+"""Upper limit of the default number of iterations; a user may ask for more."""
 
 
 def fit_settings(scene: Scene, iterations: int | None, accuracy: Accuracy = Accuracy.STANDARD) -> FitSettings:
-    """The settings of a fit that suit a scene, with another number of iterations if one is given."""
+    """Default settings of a fit of a scene; `iterations` overrides their number."""
     budget = min(max(BUDGET_PER_POINT * len(scene.points), BUDGET_LEAST), BUDGET_MOST)
     wanted = min(ITERATIONS_PER_VIEW * len(scene.views), ITERATIONS_MOST)
     settings = FitSettings(accuracy=accuracy)
@@ -76,7 +76,7 @@ def fit(
 
 
 def conclude(run: Run, scene: Scene) -> None:
-    """Measure the run on held-out views, where it has any, write its report, and let go of its folder."""
+    """Measure the run on its held-out views, if any, write its report, and release the lock of its folder."""
     if scene.test_views:
         for table in evaluate(run.folder, "spin-nerf" if scene.ground_truth else "held-out", scene=scene):
             print(table.text())

@@ -1,4 +1,4 @@
-"""Edits by free text: prior, prompts and method, and checks of what was chosen."""
+"""Edits by free text: prior, prompts and method, and checks of the options."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class FreeText:
         Args:
             prior: The diffusion prior.
             prompt, negative: Tp and Tn, any text.
-            task: What the prompts are for.
+            task: Task of the prompts.
             method: The paper's if None.
 
         Raises:
-            InputError: the prior does not understand a prompt, or the method carries the edit by warping.
+            InputError: the prior does not understand a prompt, or the method propagates by warping.
         """
         if not isinstance(prior, DiffusionPrior):
             raise InputError(f"prior {prior.name} reads no prompts: use sd-inpainting or powerpaint")
@@ -61,7 +61,7 @@ def reads_free_text(choices: Choices) -> bool:
 
 
 def check_built_in(choices: Choices) -> None:
-    """Refuse choices that nothing would read in an edit by the built-in words.
+    """Refuse options that an edit by built-in materials would ignore.
 
     Raises:
         InputError: one of them was made.

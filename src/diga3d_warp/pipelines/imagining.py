@@ -57,9 +57,9 @@ class Imagined:
 
     @property
     def target(self) -> Target:
-        """What the gaussians should look like. Only measured depth says anything of the new object.
+        """Target of the fit: colours, and the depth where it was estimated from the new object.
 
-        A prior knows no transparency: what it imagined is opaque.
+        A prior has no alpha channel: what it generates is opaque.
         """
         depth = torch.from_numpy(self.depth) if self.measured else None
         image = torch.from_numpy(to_bytes(self.image))
@@ -121,8 +121,8 @@ def measure(
 ) -> list[Imagined]:
     """Depth of the coarse images: estimated and aligned to the scene around (paper Sec. 3.5).
 
-    Without an estimator, or where its estimate contradicts the scene, the old object's depth is the first
-    guess, and no depth is asked of the new one.
+    Without an estimator, or where its estimate contradicts the scene, the old object's depth initialises the
+    gaussians, and the fit has no depth loss.
     """
 
     def compute(folder: Path) -> None:

@@ -29,14 +29,14 @@ PACKAGES = {
 MIB = 1024 * 1024
 
 PROC = Path("/proc")
-"""Where Linux tells of processes, memory and processor; absent elsewhere."""
+"""Linux's folder of process, memory and processor information; absent on other systems."""
 
 
 def package_versions() -> dict[str, str]:
     """Version of Python, of this code, and of each package that can change a result.
 
     A package that is not installed is "missing". The version of this code ends with a digest of its files,
-    which tells two states of one version apart.
+    which distinguishes development states of one version.
     """
     code = f"{_version('diga3d-warp')}+{_code_digest()}"
     installed = {name: _version(distribution) for name, distribution in PACKAGES.items()}

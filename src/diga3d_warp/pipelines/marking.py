@@ -1,6 +1,6 @@
-"""Where the object is: the capture's own masks, boxes in a few views, or words (the paper's T_m).
+"""Marks of the object: the capture's own masks, boxes in a few views, or a prompt (the paper's T_m).
 
-Boxes and words give masks in some views; `carrying` carries those to all.
+Boxes and prompts give masks in some views; `mask_propagation` extends them to all.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from diga3d_warp.state import read_mask
 
 @dataclass(frozen=True)
 class Words:
-    """What the object is called.
+    """A prompt that names the object.
 
     Attributes:
-        prompt: Such as "a watering can"; several things are separated by full stops.
+        prompt: Such as "a watering can"; several objects are separated by full stops.
         models: Folder that holds `detector` and `cutter`; the Hugging Face cache if None.
     """
 
@@ -37,7 +37,7 @@ class Words:
     models: Path | None = None
 
     def segmenter(self) -> TextSegmenter:
-        """The models, read anew: they are large and needed for one stage only.
+        """Load the models; not cached, since they are large and one stage needs them.
 
         Raises:
             InputError: weights or libraries are missing, or broken.
@@ -47,11 +47,11 @@ class Words:
 
 @dataclass(frozen=True)
 class Marks:
-    """What says where the object is; without boxes and words the capture's own masks do.
+    """How the object is marked: by boxes or a prompt; by the capture's own masks if both are empty.
 
     Attributes:
-        boxes: Boxes around it in up to three views.
-        words: What it is called.
+        boxes: Boxes around the object in up to three views.
+        words: The prompt.
     """
 
     boxes: tuple[Box, ...] = ()
@@ -59,11 +59,11 @@ class Marks:
 
     @property
     def own(self) -> bool:
-        """Whether the capture's own masks say it."""
+        """Whether the capture's own masks are used."""
         return not self.boxes and self.words is None
 
     def settings(self) -> dict[str, Any]:
-        """For the manifest of a run."""
+        """The marks as JSON data for the manifest of a run."""
         return {
             "mask_boxes": [astuple(box) for box in self.boxes],
             "mask_prompt": self.words.prompt if self.words else None,
@@ -104,12 +104,12 @@ def read_marks(
     return Marks(words=Words(mask_prompt, mask_models))
 
 
-def glance(scene: Scene, marks: Marks) -> Scene:
-    """The scene with the masks that can be had at once: of all boxes, or of the first view with a hit.
+def quick_masks(scene: Scene, marks: Marks) -> Scene:
+    """The scene with the masks that are quick to make: of all boxes, or of the first view with a detection.
 
     Raises:
-        InputError: a box or the prompt is not usable, weights are missing or broken, or what the words name
-            is in no view.
+        InputError: a box or the prompt is not usable, weights are missing or broken, or the prompt is found
+            in no view.
     """
     if marks.words is None:
         return _boxed(scene, marks.boxes)
@@ -124,10 +124,10 @@ def glance(scene: Scene, marks: Marks) -> Scene:
 def mark(run: Run, scene: Scene, marks: Marks) -> Scene:
     """The scene with masks in the views whose boxes or photographs give them, none in others.
 
-    Words are looked for in the training views. Without marks the scene stays as it is.
+    The prompt is searched for in the training views. Without marks the scene is returned unchanged.
 
     Raises:
-        InputError: as `glance`.
+        InputError: as `quick_masks`.
     """
     words = marks.words
     if words is None:

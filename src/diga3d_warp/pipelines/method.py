@@ -1,4 +1,4 @@
-"""The switches of the method: how references are chosen, how views are made to agree, what refines them."""
+"""Options of the method: choice of references, propagation to the other views, score distillation."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ Propagation = Literal["attention", "warp", "none"]
 
 @dataclass(frozen=True)
 class Method:
-    """What an ablation turns.
+    """Options of the method, which the ablation varies.
 
     Attributes:
         references: Number K of references. Paper: 3.
         selection: "kmeans", or "random" to compare.
-        propagation: How the other views come to agree with the references: by "attention" (AFP, paper
-            Sec. 3.3), by "warp" (the references' fill carried by its depth), or with "none" each view,
-            references too, is filled for itself.
+        propagation: How the other views are made consistent with the references: "attention" (AFP, paper
+            Sec. 3.3), "warp" (the references' fill warped by its depth), or "none": each view, references
+            too, is filled on its own.
         afp_weight: lambda_a of "attention" (Eq. 4) [1].
-        sampling: Of the other views under "attention" and "none"; None for what suits the prior. Below full
-            strength they start from the warped fill, but for "none".
+        sampling: Sampling of the other views with "attention" and "none"; None for the prior's default. Below
+            full strength, "attention" starts from the warped fill.
         distillation: TG-SDS (paper Sec. 3.4); None leaves the fine stage out.
     """
 
@@ -40,14 +40,14 @@ class Method:
     distillation: DistillationSettings | None = field(default_factory=DistillationSettings)
 
     def sampling_for(self, prior: DiffusionPrior) -> SamplingSettings:
-        """How to sample with a prior."""
+        """Sampling settings to use with a prior."""
         sampling = self.sampling or prior.sampling
         if self.propagation == "none":
             return replace(sampling, strength=1.0, afp_weight=0.0)
         return replace(sampling, afp_weight=self.afp_weight)
 
     def summary(self) -> dict[str, Any]:
-        """For the manifest of a run."""
+        """The method as JSON data for the manifest of a run."""
         return {
             "references": self.references,
             "selection": self.selection,
@@ -60,11 +60,11 @@ PAPER = Method()
 """As the paper describes it."""
 
 WARPED = replace(PAPER, propagation="warp", distillation=None)
-"""The references' fill carried by its depth, without diffusion in the other views."""
+"""The references' fill warped by its depth, without diffusion in the other views."""
 
 
 def usual_method(prior: Prior) -> Method:
-    """The method that suits a prior: the paper's for a network, carrying by depth for others.
+    """Default method of a prior: the paper's for a trained network, warping by depth for others.
 
     Patches can be attended to and distilled, too, but a mean over the patches of several views is smoother
     than each: lawns lose their blades. `diga3d bench ablation` measures it.
@@ -73,7 +73,7 @@ def usual_method(prior: Prior) -> Method:
 
 
 def check_method(method: Method, prior: Prior) -> None:
-    """Refuse what a prior cannot do.
+    """Refuse a method that a prior does not support.
 
     Raises:
         InputError: attention or score distillation with a prior that has neither.
@@ -86,11 +86,11 @@ def check_method(method: Method, prior: Prior) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Choices:
-    """What a user chose of prior and method; None stands for what suits the prior.
+    """Options of prior and method; None stands for the default of the prior.
 
     Attributes:
         prior: A name or folder as `priors.named.load_prior` takes it, or a prior.
-        negative: Tn: what to go away from.
+        negative: Tn, the negative prompt.
         references, selection: As in `Method`.
         propagation: As in `Method`.
         tg_sds: Whether score distillation refines the edit.
@@ -118,9 +118,9 @@ class Choices:
         """The prior, with its prompts; one that was given has them already.
 
         Args:
-            task, positive: What the prompts are for, and Tp.
+            task, positive: Task of the prompts, and Tp.
             negative: Tn; the chosen one if None.
-            controls: What it must be able to follow; if None, what score distillation needs.
+            controls: Kinds of control to load; if None, those that score distillation needs.
 
         Raises:
             InputError: see `priors.named.load_prior`.
@@ -138,7 +138,7 @@ class Choices:
         )
 
     def choose_method(self, prior: Prior) -> Method:
-        """The method that suits a prior, as far as the user did not choose.
+        """The default method of a prior, with the user's options applied.
 
         Raises:
             InputError: the prior cannot do what was chosen, or would read no negative prompt.
@@ -153,7 +153,7 @@ class Choices:
         return method
 
     def _check_negative(self, method: Method, prior: Prior) -> None:
-        """Refuse a negative prompt that nothing would read: without weights, `fill` goes by pixels alone."""
+        """Refuse a negative prompt that would be ignored: without noise estimates, `fill` reads no prompt."""
         if not self.negative or (isinstance(prior, DiffusionPrior) and prior.learned):
             return
         if not isinstance(prior, DiffusionPrior):

@@ -88,7 +88,7 @@ class _Stand:
     settings: PlacingSettings
 
     def emptied(self, points: np.ndarray, base: float | None = None) -> np.ndarray:
-        """Points (P, 3) where nothing real can be: in the object's room, or low around it, shape (P,), bool.
+        """Points (P, 3) in the space of the new object or low around it, which must be empty, shape (P,).
 
         Args:
             points: World space.

@@ -92,7 +92,7 @@ def repaint(
     run: Run, views: Sequence[View], sights: Sequence[Sight], references: References, repainter: Repainter,
     seed: int,
 ) -> list[np.ndarray]:  # fmt: skip
-    """Every view with the object's new look."""
+    """Repaint the object in every view."""
 
     def compute(folder: Path) -> None:
         colors = repainter.repaint(sights, references.indices, seed)

@@ -1,6 +1,6 @@
 """Remove an object from a scene (paper Sec. 3).
 
-effects      what the scene calls for
+effects      choice of the effects to simulate
 fit          the splat of the capture; photographs then take its exposure
 lift         masks lifted to the object's gaussians, and widened
 clear        those gaussians deleted
@@ -62,21 +62,21 @@ DISTIL = replace(
     rates=LearningRates(means=5e-5),
     density=DensitySettings(end=0.0),
 )
-"""The fit of the fine stage: the hole has its gaussians, which learn their place more slowly; none is moved
-onto another or shaken."""
+"""The fit of the fine stage: the gaussians of the hole exist already, so means have a lower learning rate,
+and none is relocated or perturbed by noise."""
 
 
 @dataclass(frozen=True)
 class RemoveSettings:
-    """How an object is removed.
+    """Settings of a removal.
 
     Attributes:
         fit: Fit of the capture.
         refit: Fit of the hole.
         distil: Fit of the fine stage.
-        lift: When a gaussian belongs to the object.
-        masking: How masks are widened.
-        method: References, propagation and distillation; None for what suits the prior.
+        lift: Thresholds for assigning a gaussian to the object.
+        masking: Dilation of the masks.
+        method: References, propagation and distillation; None for the default of the prior.
     """
 
     fit: FitSettings = field(default_factory=FitSettings)
@@ -113,10 +113,10 @@ def remove_object(
         scene: With masks in at least one training view.
         run: Run folder that receives stages and results; finished stages of an interrupted run are reused.
         settings: Fits, masks and method.
-        prior: What invents the part that no view saw; `ExemplarPrior` if None.
-        marks: Boxes or words that say where the object is; the scene's masks do if there are none.
-        seed: Same scene, settings and seed: same bytes.
-        effects: Effects on which the user insists, by name; the scene decides on the others.
+        prior: Prior that inpaints what no view saw; `ExemplarPrior` if None.
+        marks: Boxes or a prompt that mark the object; empty uses the masks of the scene.
+        seed: The same scene, settings and seed give the same bytes.
+        effects: Effects forced on or off by the user, by name; the others are chosen from the scene.
 
     Raises:
         InputError: no view has a mask, the masks lift to nothing, there are fewer views than references, or
@@ -143,8 +143,8 @@ class TakenOut:
         source: The scene before.
         rows: Which gaussians of the source were the object's, shape (N,), bool.
         scene: The capture, with the cameras in use.
-        edit_masks: Where its views, training and held out, may be changed.
-        references: Which of them stand for all.
+        edit_masks: Edit masks of its training and held-out views.
+        references: Reference views and clusters.
         stage: The stage that made `gaussians`.
     """
 
@@ -169,7 +169,7 @@ def take_out(
         )
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
-    scene = stages.even_exposure(run, scene)
+    scene = stages.correct_exposure(run, scene)
     object_masks = mask_propagation.propagate_masks(run, scene, source, marks, settings.lift)
     rows, edit_masks = stages.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
     views = scene.views
@@ -217,7 +217,7 @@ def remove(
     capture = request.load()
     settings = settings or remove_settings(capture, request, method)
     method = settings.method_for(prior)
-    stages.check_edit(marking.glance(capture, marks), method.references)
+    stages.check_edit(marking.quick_masks(capture, marks), method.references)
     run = request.open_edit("remove", capture, settings.fit.iterations, marks, method)
     result = remove_object(
         capture, run, settings, prior=prior, marks=marks, seed=request.seed, effects=request.effects
@@ -227,7 +227,7 @@ def remove(
 
 
 def remove_settings(scene: Scene, request: EditRequest, method: Method) -> RemoveSettings:
-    """Settings of a removal that suit a scene, as far as the request does not say otherwise."""
+    """Default settings of a removal of a scene, with the options of the request applied."""
     return RemoveSettings(
         fit=fit_settings(scene, request.iterations, request.knobs),
         refit=replace(REFIT, accuracy=request.knobs),

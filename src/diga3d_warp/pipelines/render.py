@@ -59,10 +59,10 @@ def render_path(
         frames: Number of frames of a spline.
         size: Width and height of a frame [px]; those of the first view if None. The horizontal field of view
             stays. A video takes even sizes only: an odd row or column is cut off.
-        accuracy: What to give up for time.
+        accuracy: Accuracy of the rendering.
 
     Returns:
-        Where the video or the frames are.
+        The video, or the folder of the frames.
 
     Raises:
         InputError: the folder holds no finished run, or `out` cannot be written.

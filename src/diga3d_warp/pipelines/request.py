@@ -1,4 +1,4 @@
-"""Request: what a user asks of a run, from the command line or from Python, and what comes of it."""
+"""Requests: all options of a run, from the command line or from Python, and the result."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class FitRequest:
         hold_out: Every such view is kept for testing; 0 keeps none.
         iterations: Steps of the fit; None chooses by the scene.
         accuracy: "draft", "standard" or "exact": accuracy of the fitted renderings.
-        effects: Effects to force on or off by name, or the SH degree; the scene decides on the others.
-        seed: Same scene, request and seed: same bytes.
+        effects: Effects to force on or off by name, or the SH degree; the others are chosen from the scene.
+        seed: The same scene, request and seed give the same bytes.
         resume: Continue an interrupted run in `out`.
     """
 
@@ -63,11 +63,11 @@ class FitRequest:
 
     @property
     def knobs(self) -> Accuracy:
-        """What `accuracy` names."""
+        """The settings that `accuracy` names."""
         return ACCURACIES[self.accuracy]
 
     def load(self) -> Scene:
-        """The scene, read unless it was given.
+        """Read the scene, unless it was given as a scene.
 
         Raises:
             InputError: see `load_scene`.
@@ -84,13 +84,13 @@ class FitRequest:
         )
 
     def open_run(self, command: str, scene: Scene, iterations: int, **further: Any) -> Run:
-        """The run folder, held to everything that the result depends on.
+        """Open the run folder, and check on resuming that nothing that the result depends on has changed.
 
         Args:
             command: Name of the subcommand.
             scene: From `load`.
             iterations: Steps of the fit.
-            further: What else the result depends on, as JSON data.
+            further: Further options that the result depends on, as JSON data.
 
         Raises:
             InputError: see `Run`.
@@ -112,12 +112,12 @@ class FitRequest:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EditRequest(FitRequest, Choices):
-    """An edit: a fit, where the object is, what shall come of it, and the method (see `Choices`).
+    """An edit: a fit, marks of the object, the new material or object, and the method (see `Choices`).
 
     Attributes:
         mask_boxes: Boxes (view, left, top, right, bottom) [px] around the object in up to three views, in
             place of masks.
-        mask_prompt: What the object is called, in place of masks.
+        mask_prompt: Prompt that names the object, in place of masks.
         mask_models: Folder with the weights for `mask_prompt`; None for the Hugging Face cache.
         prompt: The new material of `retexture`, the new object of `replace`.
         exemplar: A picture of the material, in place of the one in the prompt.
@@ -132,7 +132,7 @@ class EditRequest(FitRequest, Choices):
     asset: str | Path | None = None
 
     def marks(self) -> Marks:
-        """What says where the object is.
+        """The marks of the object.
 
         Raises:
             InputError: see `read_marks`.
@@ -145,12 +145,12 @@ class EditRequest(FitRequest, Choices):
     def open_edit(
         self, command: str, scene: Scene, iterations: int, marks: Marks, method: Method, **further: Any
     ) -> Run:
-        """As `open_run`, with marks and method among what the run is held to."""
+        """As `open_run`; marks and method must not change on resuming either."""
         method_settings = {"prior": self.prior_name, "negative": self.negative, **method.summary()}
         return self.open_run(command, scene, iterations, **marks.settings(), **method_settings, **further)
 
     def refuse(self, command: str, *names: str) -> None:
-        """Refuse attributes that a command would not read.
+        """Refuse attributes that a command would ignore.
 
         Raises:
             InputError: one of them is set.
@@ -162,7 +162,7 @@ class EditRequest(FitRequest, Choices):
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """What a run leaves.
+    """Result of a run.
 
     Attributes:
         gaussians: The final splat.
@@ -175,7 +175,7 @@ class RunResult:
 
 @dataclass(frozen=True, eq=False)
 class EditResult(RunResult):
-    """What an edit leaves.
+    """Result of an edit.
 
     Attributes:
         source: The splat before the edit.

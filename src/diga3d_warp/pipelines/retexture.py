@@ -1,15 +1,15 @@
-"""Give an object of a scene another look; its shape and the light on it stay.
+"""Change the material of an object of a scene; its shape and shading are kept.
 
-effects      what the scene calls for
+effects      choice of the effects to simulate
 fit          the splat of the capture; photographs then take its exposure
 lift         masks lifted to the object's gaussians, and widened
-look         the object in every view: its colours, its part of each pixel, its depth
+look         the object rendered in every view: colour, alpha and depth
 references   K views by k-means on camera centres
-repaint      the object's new look in every view
+repaint      the new material in every view
 refit        the object's gaussians, cut finer, fitted to the repainted views
-distil       the look refined by score distillation, if a diffusion prior repainted
+distil       refined by score distillation, if a diffusion prior repainted
 
-The new look is a material of the built-in vocabulary, or anything that a diffusion prior can be told.
+The new material is one of the built-in vocabulary, or free text for a diffusion prior.
 """
 
 from __future__ import annotations
@@ -64,17 +64,17 @@ and depth holds them."""
 
 @dataclass(frozen=True)
 class RetextureSettings:
-    """How an object is given another look.
+    """Settings of a retexture.
 
     Attributes:
         fit: Fit of the capture.
         refit: Fit of the object's colours.
         distil: Fit of the fine stage.
-        split: How fine the object's gaussians are cut before.
-        lift: When a gaussian belongs to the object.
-        masking: How masks are widened.
-        method: References, sampling and distillation; None for what suits the painter. Of the ways to
-            propagate a diffusion prior has "attention" and "none".
+        split: Splitting of the object's gaussians before the fit.
+        lift: Thresholds for assigning a gaussian to the object.
+        masking: Dilation of the masks.
+        method: References, sampling and distillation; None for the default of the prior. A diffusion prior
+            propagates by "attention" or "none".
     """
 
     fit: FitSettings = field(default_factory=FitSettings)
@@ -107,11 +107,11 @@ def retexture_object(
         run: Run folder that receives stages and results; finished stages of an interrupted run are reused.
         settings: Fits, masks and method.
         exemplar: A picture of the material, if no prior is given; the prompt is not read then.
-        negative: What the prior shall go away from.
-        prior: What repaints the object from free text; the built-in materials if None.
-        marks: Boxes or words that say where the object is; the scene's masks do if there are none.
-        seed: Same scene, prompt, settings and seed: same bytes.
-        effects: Effects on which the user insists, by name; the scene decides on the others.
+        negative: Negative prompt.
+        prior: Diffusion prior that repaints the object from free text; the built-in materials if None.
+        marks: Boxes or a prompt that mark the object; empty uses the masks of the scene.
+        seed: The same scene, prompt, settings and seed give the same bytes.
+        effects: Effects forced on or off by the user, by name; the others are chosen from the scene.
 
     Raises:
         InputError: no view has a mask, the masks lift to nothing, there are fewer views than references, or
@@ -127,7 +127,7 @@ def retexture_object(
     stages.check_edit(scene, method.references)
     scene = stages.begin(run, scene, effects)
     source = stages.fit_source(run, scene, settings.fit, seed)
-    scene = stages.even_exposure(run, scene)
+    scene = stages.correct_exposure(run, scene)
     object_masks = mask_propagation.propagate_masks(run, scene, source, marks, settings.lift)
     rows, _ = stages.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
     views = scene.views
@@ -170,7 +170,7 @@ def retexture(
     settings: RetextureSettings | None = None,
     **options: Any,
 ) -> EditResult:
-    """Give the masked object of a capture the look that a prompt or a picture shows, and measure the result.
+    """Give the masked object of a capture the material of a prompt or a picture, and measure the result.
 
     Args:
         scene: Folder or file of a capture, or a scene from `load_scene`.
@@ -200,7 +200,7 @@ def retexture(
         method=method,
     )
     method = settings.method or method
-    stages.check_edit(marking.glance(capture, marks), method.references)
+    stages.check_edit(marking.quick_masks(capture, marks), method.references)
     run = request.open_edit(
         "retexture", capture, settings.fit.iterations, marks, method, prompt=prompt, exemplar=exemplar
     )
@@ -213,7 +213,7 @@ def retexture(
 
 
 def _prior(request: EditRequest, prompt: str, exemplar: Path | None) -> DiffusionPrior | None:
-    """What reads the prompt; None for the built-in materials.
+    """The prior that reads the prompt; None for the built-in materials.
 
     Raises:
         InputError: no such prior, weights are missing, it does not understand the prompt, or the picture is

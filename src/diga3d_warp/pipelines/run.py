@@ -1,8 +1,8 @@
-"""Run: a folder of named stages that survives a kill at any moment and resumes.
+"""Run: a folder of named stages that can be resumed after being killed at any moment.
 
-A stage writes into `stages/.NAME.partial` and is renamed to `stages/NAME` when it is done. What a killed
-stage left in its partial folder stays, so that it can go on from its own checkpoint. Renaming a folder is
-atomic, so `stages/NAME` exists exactly if the stage is finished.
+A stage writes into `stages/.NAME.partial`, which is renamed to `stages/NAME` when the stage is done. The
+partial folder of a killed stage is kept, so that the stage can continue from its own checkpoint. Renaming a
+folder is atomic, so `stages/NAME` exists exactly if the stage is finished.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ if TYPE_CHECKING:
 
 
 NAMED = 6
-"""Settings that a line names, where those of a resumed run differ."""
+"""Most settings that the error names if those of a resumed run differ."""
 
 
 class Run:
-    """A run folder being filled, by this process alone.
+    """A run folder, locked by this process.
 
     Attributes:
-        folder: Where everything goes.
+        folder: The run folder.
         command: What is run: the name of the subcommand.
         settings: Everything that the result depends on, as JSON data; a path in it is absolute.
-        effects: What its stages simulate; `stages.begin` decides.
-        frame: The working units of its stages; `stages.begin` decides.
+        effects: Effects that its stages simulate; set by `stages.begin`.
+        frame: Working frame of its stages; set by `stages.begin`.
     """
 
     _held: FileLock | None = None
@@ -51,18 +51,18 @@ class Run:
     def __init__(
         self, folder: Path, command: str, settings: Mapping[str, Any], *, resume: bool = False
     ) -> None:
-        """Begin a run, or go on with one.
+        """Start a run, or resume one.
 
         Args:
             folder: Made if absent.
             command: What is run: the name of the subcommand.
             settings: Everything that the result depends on: numbers, strings, None, paths, and lists of them.
                 `diga3d eval` and `diga3d render` read "scene", "masks", "image_scale" and "hold_out".
-            resume: Go on with the run in `folder`; where none has begun, begin one.
+            resume: Resume the run in `folder`; start one if there is none.
 
         Raises:
             InputError: the folder cannot be written, holds other things or another run, belongs to the
-                capture, is in use by another process, or is damaged; or the run in it was begun with other
+                capture, is in use by another process, or is damaged; or the run in it was started with other
                 settings.
         """
         self.folder = folder
@@ -77,7 +77,7 @@ class Run:
         run_folder.make_writable(folder)
         self._check_place(resume)
         unlocked = self._lock()
-        begun = self._check_place(resume)  # another process may have begun or ended meanwhile
+        begun = self._check_place(resume)  # another process may have started or ended meanwhile
         if begun:
             self._manifest = read_manifest(folder)
             self._check_same_run()
@@ -107,13 +107,13 @@ class Run:
             self._note_other_versions()
 
     def hold_to(self, **further: Any) -> None:
-        """Keep in the manifest what else the result depends on; in a resumed run, compare it with that.
+        """Record further settings that the result depends on; on resuming, compare them with the manifest.
 
         Args:
             further: As the settings in `__init__`, and dataclasses and mappings of such.
 
         Raises:
-            InputError: the run was begun with something else.
+            InputError: the run was started with other ones.
         """
         now = {key: _json_value(value) for key, value in further.items()}
         begun = self._manifest.setdefault("held_to", {})
@@ -134,8 +134,8 @@ class Run:
             The folder of the finished stage.
 
         Raises:
-            InputError: what an earlier process left of the stage is damaged, or the system refuses a file or
-                memory. What the stage has done so far stays.
+            InputError: the files of the stage from an earlier process are damaged, or the system refuses a
+                file or memory. The partial folder of the stage is kept.
         """
         done = self.folder / STAGES / name
         partial = done.with_name(f".{name}.partial")
@@ -156,14 +156,14 @@ class Run:
         return done
 
     def note(self, line: str) -> None:
-        """Tell the user a warning, once, and keep it in the manifest."""
+        """Print a warning, once, and keep it in the manifest."""
         if line not in self._manifest["notes"]:
             say(f"note: {line}")
             self._manifest["notes"].append(line)
             self._write_manifest()
 
     def record(self, subject: str, data: Any) -> None:
-        """Put what was decided on the way, JSON data, into the manifest."""
+        """Put JSON data under `subject` into the manifest."""
         self._manifest[subject] = data
         self._write_manifest()
 
@@ -180,7 +180,7 @@ class Run:
         add_metrics(self.folder, subject, figures)
 
     def close(self) -> None:
-        """Let other processes have the folder."""
+        """Release the lock of the folder."""
         if self._held is not None:
             self._held.release()
             self._held = None
@@ -189,7 +189,7 @@ class Run:
         self.close()
 
     def _lock(self) -> str | None:
-        """Keep other processes out; what to note where the file system cannot."""
+        """Lock the folder; returns a note if the file system has no locks, else None."""
         try:
             self._held = run_folder.hold(self.folder)
         except (OSError, NotImplementedError):
@@ -197,7 +197,7 @@ class Run:
         return None
 
     def _check_place(self, resume: bool) -> bool:
-        """Whether a run has begun in the folder."""
+        """Whether the folder holds a run already."""
         if not (self.folder / MANIFEST).exists():
             run_folder.check_empty(self.folder)
             return False
@@ -250,7 +250,7 @@ class Run:
         )
 
     def _refuse_other(self, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
-        """Refuse settings that differ from those that the run was begun with."""
+        """Refuse settings that differ from those that the run was started with."""
         first, second = dict(_leaves(before)), dict(_leaves(now))
         different = [
             f"{key} = {first.get(key)!r} (now {second.get(key)!r})"
@@ -297,7 +297,7 @@ def sampling_bar(label: str) -> Callable[[int, int], None]:
 def _json_value(value: Any) -> Any:
     """A setting as JSON stores it, so that it compares equal when read back.
 
-    Fields of dataclasses that bear `NO_EFFECT` are left out.
+    Fields of dataclasses that are marked `NO_EFFECT` are left out.
     """
     if isinstance(value, os.PathLike):
         return str(Path(value).resolve())

@@ -1,4 +1,4 @@
-"""The folder of a run: fit to be written, apart from the capture, and in the hands of one process."""
+"""Checks and lock of a run folder: writable, apart from the capture, used by one process at a time."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ LOCK = ".lock"
 """File that a process holds locked while it runs. It stays; the lock goes with the process."""
 
 LEFT_BY_A_KILL = {LOCK, temporary_name(Path(MANIFEST)).name}
-"""What a process killed at its very start may leave of a run."""
+"""Files that a process killed at its start may leave in a run folder."""
 
 CAPTURED = re.compile(r"(images|masks|depths?)(_\d+)?|input|sparse|colmap|distorted")
 """Names of folders in a capture that a reader takes files from, or may."""
 
 
 def make_writable(folder: Path) -> None:
-    """Make the folder if it is absent, and try whether it can be written to.
+    """Make the folder if it is absent, and test that it can be written to.
 
     Raises:
         InputError: it is a file, or cannot be written to.
@@ -36,7 +36,7 @@ def make_writable(folder: Path) -> None:
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder} is a file: choose a folder for --out")
         folder.mkdir(parents=True, exist_ok=True)
-        # Permission bits do not tell of read-only file systems, nor what root may do: only writing does.
+        # Permission bits do not show read-only file systems, nor what root may do: only writing does.
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
@@ -116,7 +116,7 @@ def refuse_link_above(path: Path, folder: Path) -> None:
 
 
 def hold(folder: Path) -> FileLock:
-    """Keep other processes out of a run folder until the lock is released or this process ends.
+    """Lock a run folder against other processes until the lock is released or this process ends.
 
     A process may hold a folder more than once. The lock of a process that died is free.
 

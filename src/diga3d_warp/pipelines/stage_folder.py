@@ -1,4 +1,4 @@
-"""What makes a stage's folder finished: its record, with a digest of every product.
+"""The record of a finished stage, with a digest of every product.
 
 The record is written last, just before the folder gets its final name, so that both become final together.
 Products that no longer match it are refused: later stages would take them for what the stage made.
@@ -21,12 +21,12 @@ BLOCK = 1 << 20
 
 
 class Timing(TypedDict):
-    """How a stage went.
+    """Time and memory of a stage.
 
     Attributes:
         seconds: Time spent by the process that finished it [s].
         peak_mib: Largest resident memory of that process meanwhile [MiB].
-        resumed: Whether it went on from what a killed process had left.
+        resumed: Whether it continued from the files of an interrupted process.
     """
 
     seconds: float
@@ -55,7 +55,7 @@ def finish(partial: Path, done: Path, timing: Timing) -> None:
 
 
 def take_up(done: Path) -> Timing:
-    """The timing of a stage that an earlier process finished, once its products are found whole.
+    """Check the products of a stage that an earlier process finished, and return its timing.
 
     Raises:
         InputError: the record or a product is missing or damaged.

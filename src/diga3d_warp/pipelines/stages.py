@@ -21,7 +21,7 @@ from diga3d_warp.effects.prices import priced
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.record import CAMERAS, RESULT, SOURCE, CurveRecord, EffectsRecord
 from diga3d_warp.files import to_bytes, write_array, write_image, write_json
-from diga3d_warp.gaussians.exposure import evened
+from diga3d_warp.gaussians.exposure import exposure_corrected
 from diga3d_warp.gaussians.fit import FitResult, FitSettings, Target, fit
 from diga3d_warp.gaussians.initialise import initialise
 from diga3d_warp.gaussians.lift import LiftSettings, object_mask, object_rows, vote
@@ -57,7 +57,7 @@ PRICED_MOST = 60_000
 
 
 class ReferencesRecord(TypedDict):
-    """Which views stand for which, see `propagation.references.References`."""
+    """References and clusters, see `propagation.references.References`."""
 
     indices: list[int]
     names: list[str]
@@ -66,7 +66,7 @@ class ReferencesRecord(TypedDict):
 
 @dataclass(frozen=True)
 class MaskSettings:
-    """How masks are widened before anything is filled.
+    """Dilation of the masks before anything is filled.
 
     Attributes:
         dilation: Radius [image diagonals]. Masks seldom reach the object's very rim, and splats reach over
@@ -88,7 +88,7 @@ def check_splat(scene: Scene) -> None:
 
 
 def check_edit(scene: Scene, references: int) -> None:
-    """Refuse what the first stages of an edit cannot notice: before a long fit, before anything is written.
+    """Check the input of an edit before anything is written, as its errors would show only after a long fit.
 
     Args:
         scene: The capture.
@@ -104,12 +104,12 @@ def check_edit(scene: Scene, references: int) -> None:
 
 
 def begin(run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = None) -> Scene:
-    """Note what the reader noted, plan the effects, and keep the cameras for viewers and later commands.
+    """Record the notes of the reader, plan the effects, and write cameras.json.
 
     Args:
-        run: Gets the effects, and the plan into its manifest.
+        run: Run that receives the effects, and the plan in its manifest.
         scene: The capture.
-        overrides: Effects on which the user insists, by name.
+        overrides: Effects forced on or off by the user, by name.
 
     Returns:
         The scene with the cameras to use, in working units, as all stages have it; `finish` and the cameras
@@ -144,7 +144,7 @@ def begin(run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = N
 
 
 def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaussians:
-    """The splat of the scene as it was captured; a capture that is a splat already is not fitted again."""
+    """Fit the splat of the capture; the splat of a capture that has one is taken instead."""
 
     def compute(folder: Path) -> None:
         if scene.splat is not None:
@@ -173,7 +173,7 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
     return fitted(run, "fit", compute)
 
 
-def even_exposure(run: Run, scene: Scene) -> Scene:
+def correct_exposure(run: Run, scene: Scene) -> Scene:
     """The scene with the fitted exposure of each training view undone, where exposures were fitted.
 
     Photographs then agree in colour with the splat and with each other, so that one may fill another's hole.
@@ -185,7 +185,7 @@ def even_exposure(run: Run, scene: Scene) -> Scene:
         return scene
     transforms = torch.from_numpy(read_array(file))
     views = [
-        replace(view, pixels=evened(view.pixels, transform, view.alpha))
+        replace(view, pixels=exposure_corrected(view.pixels, transform, view.alpha))
         for view, transform in zip(scene.views, transforms, strict=True)
     ]
     return replace(scene, views=views)
@@ -226,7 +226,7 @@ class Cleared:
     free: torch.Tensor
 
     def held(self, count: int) -> torch.Tensor:
-        """Rows that keep their values while the hole is filled, once there are `count` gaussians."""
+        """Mask of the rows that keep their values while the hole is filled, of `count` gaussians."""
         return torch.nn.functional.pad(~self.free, (0, count - len(self.free)))
 
 
@@ -242,8 +242,8 @@ def lift_object(
         object_masks: Of some views or all; of those in training, at least one. Views without one get one from
             the object's gaussians.
         source: The splat, N gaussians.
-        settings: When a gaussian belongs to the object.
-        masking: How masks are widened.
+        settings: Thresholds for assigning a gaussian to the object.
+        masking: Dilation of the masks.
 
     Returns:
         Which gaussians belong to the object, shape (N,), bool, and the edit masks of all views.
@@ -312,7 +312,7 @@ def clear_object(
 def look_behind(
     run: Run, views: Sequence[View], edit_masks: Masks, cleared: Cleared
 ) -> tuple[list[Background], list[np.ndarray]]:
-    """What other views saw behind the object, and the depth of the cleared scene, per view."""
+    """Background that other views observed behind the object, and depth of the cleared scene, per view."""
     masks = [edit_masks[view.name] for view in views]
 
     def compute(folder: Path) -> None:
@@ -353,7 +353,7 @@ def choose_references(
         views: Training views.
         areas: Where each of them is edited, shape (H, W), bool.
         method: Number of references, and how they are chosen.
-        seed: Of the choice.
+        seed: Seed of k-means or of the draw.
 
     Raises:
         InputError: no view is edited anywhere.
@@ -393,7 +393,7 @@ def finish(run: Run, result: str, masks: str = LIFT) -> tuple[Gaussians, Gaussia
     """Publish the splats, in the user's world, and the masks of a run.
 
     Args:
-        run: Whose.
+        run: The run.
         result: The stage that made the final splat.
         masks: The stage that made the masks of all that was edited.
 
@@ -446,7 +446,7 @@ def fitted(run: Run, name: str, compute: Callable[[Path], None]) -> Gaussians:
 
 
 def keep_fit(run: Run, folder: Path, result: FitResult) -> None:
-    """Write what a fit made into its stage's folder; its checkpoint has done its duty."""
+    """Write the result of a fit into the folder of its stage, and delete the checkpoint."""
     result.gaussians.save_ply(folder / GAUSSIANS, antialiased=run.effects.antialias)
     write_json(folder / CURVE, {"curve": result.curve})
     if result.exposures is not None:
@@ -455,5 +455,5 @@ def keep_fit(run: Run, folder: Path, result: FitResult) -> None:
 
 
 def tensor_of(alpha: np.ndarray | None) -> torch.Tensor | None:
-    """Opacity as a target takes it, shape (H, W), uint8; None where no background is simulated."""
+    """Opacity of a view as a tensor for `Target`, shape (H, W), uint8; None without a background."""
     return None if alpha is None else torch.from_numpy(alpha)

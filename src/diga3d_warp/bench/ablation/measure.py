@@ -1,4 +1,4 @@
-"""Run the trials, and take their figures from the finished stages."""
+"""Run the trials, and compute their figures from the finished stages."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ TRUE_DEPTH = TRUTH.with_name("depth_without_object")
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What one removal gave.
+    """Figures of one removal.
 
     Attributes:
         score: Of the held-out views against the room without the object, by region.
@@ -76,7 +76,7 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What is known of the fitted views of a room, and what no view had seen of it.
+    """Ground truth of the fitted views of a room, and their unseen pixels.
 
     Attributes:
         images: The room without the object, RGB in [0, 1], shape (H, W, 3).
@@ -163,12 +163,12 @@ def measure(
         scene: The synthetic room, with held-out views.
         trials: Equal ones are run once. The first must have a prior.
         seeds: Each trial is run with the seeds 0 to `seeds` - 1.
-        folder: Where runs go.
+        folder: Folder that receives the runs.
         priors: From `priors_of`; trials of a prior that cannot be measured are left out.
-        settings: Of all trials but for their method.
+        settings: Settings of all trials except their method.
 
     Returns:
-        What is known of the room, and outcomes by trial and seed.
+        The ground truth of the room, and outcomes by trial and seed.
     """
     outcomes: dict[tuple[Trial, int], Outcome] = {}
     begun: dict[tuple[Trial, int], Run] = {}

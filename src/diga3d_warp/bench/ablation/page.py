@@ -71,7 +71,7 @@ def bench_ablation(out: Path, seeds: int) -> list[Table]:
 
 
 def notes(seeds: int, floor: float, priors: Mapping[str, Prior | str]) -> str:
-    """What a reader must know.
+    """Notes of the page.
 
     Args:
         seeds: Edits of each row.

@@ -9,7 +9,7 @@ from typing import Any
 from diga3d_warp.config import Accuracy
 
 ORACLE = replace(Accuracy.EXACT, alpha_min=1e-9, transmittance_min=1e-9, precision="float64")
-"""What all are held against: float64, every pixel in its own order, nothing skipped that float32 could
+"""Reference of all comparisons: float64, gaussians sorted for each pixel, no cut-off that float32 could
 show."""
 
 
@@ -18,7 +18,7 @@ class Way:
     """A way to render.
 
     Attributes:
-        accuracy: What is given up for time.
+        accuracy: Settings of the renderer.
         sh_degree: Highest degree of harmonics that is read.
         image_scale: Size of the rendering against the image that it is enlarged to.
     """
@@ -41,11 +41,11 @@ class Knob:
     """One thing that trades accuracy for time, all others as in STANDARD.
 
     Attributes:
-        name: What a reader calls it.
-        attribute: What the code calls it.
-        meaning: What it gives up.
-        settings: Ways to render, by what the knob stands at.
-        exact: The way in which this knob gives nothing up: its own error is the difference to that one.
+        name: Name in the tables.
+        attribute: Name in the code.
+        meaning: Approximation that it makes.
+        settings: Ways to render, by the value of the setting.
+        exact: The exact way for this setting: its own error is the difference to that one.
     """
 
     name: str

@@ -18,8 +18,8 @@ from diga3d_warp.evaluation.metrics import psnr
 from diga3d_warp.splatting.render import render
 
 TIE_TIME, TIE_ERROR = 0.03, 0.01
-"""Shares by which two times and two errors may differ and still count as equal: what repeats of a measurement
-differ by on a quiet machine, and what no eye sees."""
+"""Relative differences up to which two times and two errors count as equal: the variation of repeated
+measurements on an idle machine, and an invisible difference."""
 
 SLOW = 0.5
 """Seconds from which a way to render is timed once: its share of noise is small, and repeats would take most
@@ -28,7 +28,7 @@ of the command's time."""
 
 @dataclass(frozen=True)
 class Error:
-    """How far a rendering is from another.
+    """Error of a rendering against another.
 
     Attributes:
         psnr: Of colour, for a peak of 1 [dB].
@@ -49,11 +49,11 @@ class Error:
 
 
 class Rendered(NamedTuple):
-    """An image and what flows back through it.
+    """A rendering and its gradients.
 
     Attributes:
         color: shape (H, W, 3), float64.
-        gradients: Of a fixed sum of the colours, by parameter, float64.
+        gradients: Gradients of a fixed weighted sum of the colours, by parameter, float64.
         forward, backward: Wall times [s].
     """
 
@@ -65,7 +65,7 @@ class Rendered(NamedTuple):
 
 @dataclass(frozen=True)
 class Found:
-    """What was measured of one way to render one scene.
+    """Measurements of one way to render one scene.
 
     Attributes:
         color, gradients: As in `Rendered`.
@@ -86,7 +86,7 @@ class Found:
 
 
 def measure(subject: Subject, ways: Iterable[Way], repeats: int) -> dict[Way, Found]:
-    """Measure ways to render a scene; each repeat runs all of them in turn, so that all meet the same noise.
+    """Measure ways to render a scene; each repeat runs all of them in turn, so that noise affects all alike.
 
     The slow ones run in the first repeat only.
 
@@ -121,7 +121,7 @@ def measure(subject: Subject, ways: Iterable[Way], repeats: int) -> dict[Way, Fo
 
 
 def rendered(subject: Subject, way: Way, pixels: torch.Tensor | None = None) -> Rendered:
-    """Render a scene, and send a seeded gradient back through it, from some pixels (H, W) alone if given."""
+    """Render a scene and backpropagate a seeded gradient, from the given pixels (H, W) only if any."""
     full, leaves = subject.camera, subject.gaussians.detached().requires_grad_()
     camera = full
     if way.image_scale != 1.0:
@@ -155,7 +155,7 @@ def _enlarged(color: torch.Tensor, height: int, width: int) -> torch.Tensor:
 
 
 def error(found: Rendered | Found, truth: Rendered | Found) -> Error:
-    """How far one rendering is from another."""
+    """Error of one rendering against another."""
     difference = (found.color - truth.color).abs()
     return Error(
         psnr(found.color, truth.color),
@@ -180,7 +180,7 @@ def ratios(found: Mapping[Way, Found], way: Way) -> tuple[float, float, float]:
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[bool]:
-    """Which points of (time, error) no other one beats: as good in both but for ties, and better in one."""
+    """Indices of the Pareto front of (time, error): no other point is as good in both and better in one."""
 
     def beats(one: tuple[float, float], other: tuple[float, float]) -> bool:
         parts = list(zip(one, other, (TIE_TIME, TIE_ERROR), strict=True))

@@ -68,7 +68,7 @@ equal.
 
 
 def notes() -> str:
-    """What a reader must know: how errors and times are meant, and what each knob gives up."""
+    """Notes of the page: definition of errors and times, and the approximation of each setting."""
     return (
         NOTES + NOTE + "".join(f"- **{knob.name}** (`{knob.attribute}`): {knob.meaning}.\n" for knob in KNOBS)
     )
@@ -116,7 +116,7 @@ def scene_table(subject: Subject, found: Mapping[Way, Found], names: Mapping[Way
 
 
 LEAST_ERROR = 1e-9
-"""Root mean square error of colour that stands for none, which has no logarithm; float32 rounds by more."""
+"""Root mean square error of colour drawn for zero error, which has no logarithm; below float32 rounding."""
 
 HEADS = ("PSNR [dB]", "max", "mean", "gradient")
 

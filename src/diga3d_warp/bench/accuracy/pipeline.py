@@ -1,4 +1,4 @@
-"""What references, iterations and diffusion steps bring and cost, on a small synthetic room."""
+"""Quality and cost of references, iterations and diffusion steps, on a small synthetic room."""
 
 from __future__ import annotations
 
@@ -58,16 +58,16 @@ KNOBS = {
     "steps": [replace(USUAL, steps=count) for count in (2, 6, 12, 24)],
     "seed": [replace(USUAL, seed=seed) for seed in (0, 1, 2)],
 }
-"""Trials by the field of a trial that they turn."""
+"""Trials by the field that they vary."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a removal took, and how near it came.
+    """Times and scores of a removal.
 
     Attributes:
         fit, fill, refit: Wall times of the stages [s].
-        score: Against the room without the object, mean over held-out views, by region.
+        score: Scores against the room without the object by region, mean over held-out views.
     """
 
     fit: float

@@ -1,4 +1,4 @@
-"""What sampling of a reprojection (DIBR) costs, on two views of the synthetic room with known depth."""
+"""Error and time of each sampling of a reprojection (DIBR), on two views of a room with known depth."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SOURCE, TARGET = 10, 12
 """Of the arc's views, two that are 8 degrees apart."""
 
 AHEAD = 0.5
-"""Way of the target camera towards what it looks at [m]: a quarter of its distance, so that points part."""
+"""Distance that the target camera moves forward [m]: a quarter of its distance, so that samples spread."""
 
 FINEST = 4
 """Samples per side of a pixel of the truth."""
@@ -40,8 +40,8 @@ STANDARD = "bilinear"
 ORACLE = Accuracy(sampling="bilinear", supersampling=FINEST)
 
 
-class Carried(NamedTuple):
-    """A reprojection and what flows back through it.
+class Reprojected(NamedTuple):
+    """A reprojection and its gradient.
 
     Attributes:
         warp: Without gradient.
@@ -56,7 +56,7 @@ class Carried(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """A source image with depth, and what the target camera sees indeed.
+    """A source image with depth, and the true image of the target camera.
 
     Attributes:
         image, depth: Of the source, shapes (H, W, 3) and (H, W), float32.
@@ -91,12 +91,12 @@ def moved_ahead(camera: Camera) -> Camera:
 def reprojection_table(repeats: int) -> Table:
     """Error and time of each sampling."""
     views = sight()
-    exact = carried(views._replace(image=views.image.double(), depth=views.depth.double()), ORACLE)
-    runs: dict[str, list[Carried]] = {name: [] for name in SAMPLINGS}
+    exact = reprojected(views._replace(image=views.image.double(), depth=views.depth.double()), ORACLE)
+    runs: dict[str, list[Reprojected]] = {name: [] for name in SAMPLINGS}
     with quiet():
         for _ in range(repeats + 1):
             for name, results in runs.items():
-                results.append(carried(views, SAMPLINGS[name]))
+                results.append(reprojected(views, SAMPLINGS[name]))
     # The first run loads the kernels.
     forward = {name: min(each.forward for each in results[1:]) for name, results in runs.items()}
     backward = {name: min(each.backward for each in results[1:]) for name, results in runs.items()}
@@ -122,7 +122,7 @@ def reprojection_table(repeats: int) -> Table:
     return Table(title, columns, rows)
 
 
-def _errors(found: Carried, exact: Carried, views: Sight) -> list[str]:
+def _errors(found: Reprojected, exact: Reprojected, views: Sight) -> list[str]:
     """Errors where both see a surface, and the share of what the exact one sees that this one misses."""
     warp, truth = found.warp, exact.warp
     both = warp.visible & truth.visible
@@ -139,8 +139,8 @@ def _errors(found: Carried, exact: Carried, views: Sight) -> list[str]:
     ]
 
 
-def carried(views: Sight, accuracy: Accuracy) -> Carried:
-    """The source's image in the target, and a seeded gradient sent back."""
+def reprojected(views: Sight, accuracy: Accuracy) -> Reprojected:
+    """Reproject the source into the target, and backpropagate a seeded gradient."""
     image, depth = views.image.clone().requires_grad_(), views.depth.clone().requires_grad_()
     start = time.perf_counter()
     warp = reproject(image, depth, views.source, views.target, accuracy=accuracy)
@@ -150,4 +150,4 @@ def carried(views: Sight, accuracy: Accuracy) -> Carried:
     start = time.perf_counter()
     gradient, _ = torch.autograd.grad(warp.image, [image, depth], adj_image)
     backward = time.perf_counter() - start
-    return Carried(Warp(*(part.detach() for part in warp)), gradient.double(), forward, backward)
+    return Reprojected(Warp(*(part.detach() for part in warp)), gradient.double(), forward, backward)

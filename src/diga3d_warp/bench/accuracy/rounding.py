@@ -1,8 +1,8 @@
-"""What float32 costs: STANDARD against itself in float64, apart from decisions that fall otherwise.
+"""Rounding error of float32: STANDARD against itself in float64, with pixels near a cut-off apart.
 
-Skip and stop are steps: where an alpha or a transmittance lies as close to its cut-off as rounding can carry
-it, float32 and float64 may decide differently, and the pixel differs by what is skipped. No precision makes
-these steps smaller, only rarer, so they are counted apart.
+Skipping a small alpha and stopping at a small transmittance are discontinuous: where a value lies within
+rounding of its cut-off, float32 and float64 may decide differently, and the pixel differs by what is skipped.
+Higher precision makes such pixels rarer, but not their difference smaller, so they are counted apart.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from diga3d_warp.splatting.render import render
 
 @dataclass(frozen=True)
 class Margin:
-    """How close to a cut-off a value may be decided either way [share of the cut-off].
+    """Distance to a cut-off within which rounding may decide [share of the cut-off].
 
     Attributes:
         alpha: Of the skip. Rounding of an exponent of ln 255 is some 1e-6, on needles 1e-5 to 1e-4.

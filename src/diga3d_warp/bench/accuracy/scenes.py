@@ -1,4 +1,4 @@
-"""Seeded scenes on which accuracy is measured: an easy one, and one for each thing that splatting finds hard.
+"""Seeded scenes on which accuracy is measured: an easy one, and one for each difficulty of splatting.
 
 All are drawn from the distributions of `bench.garden`, with half its gaussians a pixel and a sixth of its
 overdraw, so that the exact renderer takes seconds.
@@ -44,12 +44,12 @@ FOCAL = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What is rendered.
+    """A scene with its camera.
 
     Attributes:
-        name: Of the scene.
+        name: Name of the scene.
         gaussians: The scene.
-        camera: Where it is seen from.
+        camera: Camera of the rendering.
     """
 
     name: str
