@@ -7,6 +7,8 @@ from importlib.metadata import version
 import pytest
 
 import diga3d_warp
+from diga3d_warp.errors import InputError
+from diga3d_warp.pipelines.request import EditRequest
 
 
 def test_every_public_name_is_there():
@@ -35,3 +37,11 @@ def test_each_pipeline_is_a_script(task):
     words = [sys.executable, "-m", f"diga3d_warp.pipelines.{task}", "--help"]
     said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     assert said.startswith(f"usage: diga3d {task} ")
+
+
+@pytest.mark.parametrize("name", ["scene", "out", "masks", "exemplar", "asset", "mask_models"])
+def test_an_empty_path_is_refused(name):
+    """It would be the current folder."""
+    given = {"scene": "room", "out": "run", name: ""}
+    with pytest.raises(InputError, match=f"^{name} is empty: give a path$"):
+        EditRequest(**given)

@@ -10,7 +10,15 @@ from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.metrics import Score
 from diga3d_warp.evaluation.protocols import _used_mask, evaluate
-from diga3d_warp.evaluation.record import MANIFEST, RESULT, SOURCE, read_manifest, read_metrics, run_effects
+from diga3d_warp.evaluation.record import (
+    MANIFEST,
+    METRICS,
+    RESULT,
+    SOURCE,
+    read_manifest,
+    read_metrics,
+    run_effects,
+)
 from diga3d_warp.evaluation.tables import Table, score_table
 from diga3d_warp.files import write_image, write_json
 from diga3d_warp.scene.masks.labels import stretched
@@ -168,3 +176,19 @@ def test_table_as_text():
         "other        9.00  0.5000            –       –",
     ]
     assert Table.from_json(table.as_json()).text() == table.text()
+
+
+@pytest.mark.parametrize(
+    ("figures", "said"),
+    [
+        ({"refit": {"curve": [{"loss": 0.5}]}}, r"refit\.curve\[0\]\.iteration is missing"),
+        ({"fit": {"curve": "none"}}, r"fit\.curve is 'none'"),
+        ({"evaluation": {"protocol": "held-out"}}, r"evaluation\.comparisons is missing"),
+        ({"tables": [{"title": "", "columns": ["a"], "rows": [["1", "2"]]}]}, "too many or too few cells"),
+        ([], "the whole is a list"),
+    ],
+)
+def test_damaged_figures_are_one_line(toy_run, figures, said):
+    write_json(toy_run.folder / METRICS, figures)
+    with pytest.raises(InputError, match=rf"metrics\.json is damaged \(.*{said}.*\): delete it"):
+        read_metrics(toy_run.folder)
