@@ -33,6 +33,9 @@ def test_matches_are_mutual_nearest_neighbours():
     noise = np.random.default_rng(1).integers(-6, 7, (60, 128))
     second = np.concatenate([(first + noise).clip(0, 255)[::-1], descriptors(30, 2)])
     second[5] = second[4]  # two equal candidates: neither is distinct
+    rough = first[0] + 0.5 * first[1]
+    rough = np.rint(512.0 * rough / np.linalg.norm(rough))
+    first = np.concatenate([first, [rough]])  # near one that has a nearer one
     found = matches(torch.from_numpy(first).float(), torch.from_numpy(second).float())
     assert found.dtype == np.uint32 and len(found) == 58
     assert [tuple(row) for row in found.tolist()] == expected(first, second)
