@@ -1,7 +1,8 @@
-# Each target creates what it needs: a virtual environment in .venv with the versions of constraints.txt.
+# Each target creates what it needs: a virtual environment in $(VENV) with the versions of constraints.txt.
 PYTHON ?= python3
-BIN := .venv/bin
-INSTALLED := .venv/installed
+VENV ?= .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/installed
 
 .PHONY: demo test test-random lint
 
@@ -20,6 +21,6 @@ lint: $(INSTALLED)
 	$(BIN)/mypy
 
 $(INSTALLED): pyproject.toml constraints.txt
-	$(PYTHON) -m venv .venv
+	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet -c constraints.txt -e '.[dev]'
 	touch $@

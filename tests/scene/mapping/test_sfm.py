@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
@@ -84,3 +86,19 @@ def test_photographs_that_share_nothing(corner):
     blank = {name: np.full((60, 80, 3), 99, np.uint8) for name in corner.images}
     with pytest.raises(InputError, match="share too few features; take more overlapping photographs"):
         map_images(blank, progress=False)
+
+
+def test_points_are_in_the_order_of_their_features_whatever_order_colmap_keeps():
+    def point(number: int, *elements: tuple[int, int]) -> SimpleNamespace:
+        seen = [SimpleNamespace(image_id=image, point2D_idx=feature) for image, feature in elements]
+        track = SimpleNamespace(elements=seen)
+        return SimpleNamespace(xyz=np.full(3, float(number)), color=np.full(3, number, np.uint8), track=track)
+
+    points = {7: point(2, (2, 1), (1, 9)), 3: point(3, (3, 0), (2, 4)), 5: point(1, (3, 8), (1, 2))}
+    images = {number: SimpleNamespace(name=f"{number}.png") for number in (1, 2, 3)}
+    for numbers in ((7, 3, 5), (5, 7, 3)):
+        kept = {number: points[number] for number in numbers}
+        found = sfm._points(SimpleNamespace(points3D=kept, images=images))
+        assert found.positions[:, 0].tolist() == [1.0, 2.0, 3.0]
+        assert found.colors[:, 0].tolist() == [1, 2, 3]
+        assert found.tracks == [{"1", "3"}, {"1", "2"}, {"2", "3"}]
