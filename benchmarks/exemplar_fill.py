@@ -25,7 +25,7 @@ import torch  # noqa: E402
 from diga3d_warp.evaluation.metrics import compare  # noqa: E402
 from diga3d_warp.files import write_image, write_text  # noqa: E402
 from diga3d_warp.kernels.launch import thread_count  # noqa: E402
-from diga3d_warp.pipelines.stages import MaskSettings, widened  # noqa: E402
+from diga3d_warp.pipelines.clearing import MaskSettings, widened  # noqa: E402
 from diga3d_warp.priors.classical import ClassicalPrior, mean_color_fill, telea_fill  # noqa: E402
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior  # noqa: E402
 from diga3d_warp.priors.exemplar.settings import FILL  # noqa: E402

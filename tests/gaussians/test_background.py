@@ -11,7 +11,8 @@ from test_fit import SETTINGS, cameras, same, stopped_at
 from diga3d_warp.config import Effects
 from diga3d_warp.gaussians import fit as fitting
 from diga3d_warp.gaussians.exposure import exposed, exposure_corrected, unexposed
-from diga3d_warp.gaussians.fit import Target, fit
+from diga3d_warp.gaussians.fit import fit
+from diga3d_warp.gaussians.target import Target
 from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.splatting.render import render
 from scenes import random_gaussians

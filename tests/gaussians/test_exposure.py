@@ -11,7 +11,8 @@ from test_fit import SETTINGS, cameras, psnr, same, stopped_at
 
 from diga3d_warp.config import Effects
 from diga3d_warp.gaussians.exposure import IDENTITY, Exposures, best_transform, exposed, exposure_corrected
-from diga3d_warp.gaussians.fit import Target, fit
+from diga3d_warp.gaussians.fit import fit
+from diga3d_warp.gaussians.target import Target
 from diga3d_warp.scene.camera import Camera, look_at
 from diga3d_warp.splatting.render import render
 from scenes import random_gaussians

@@ -14,8 +14,9 @@ from diga3d_warp.config import Accuracy
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians import fit as fitting
 from diga3d_warp.gaussians.density import DensitySettings
-from diga3d_warp.gaussians.fit import CURVE_INTERVAL, FitSettings, Target, fit
+from diga3d_warp.gaussians.fit import CURVE_INTERVAL, FitSettings, fit
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.target import Target
 from diga3d_warp.scene.camera import Camera, look_at
 from diga3d_warp.splatting.render import render
 from scenes import random_gaussians

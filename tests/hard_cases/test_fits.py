@@ -7,9 +7,10 @@ import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.density import DensitySettings
-from diga3d_warp.gaussians.fit import FitSettings, Target, fit
+from diga3d_warp.gaussians.fit import FitSettings, fit
 from diga3d_warp.gaussians.losses import depth_loss
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.target import Target
 from diga3d_warp.splatting.render import render
 from scenes import camera_at, random_gaussians, single
 

@@ -10,8 +10,8 @@ import torch
 from tiny_removal import SETTINGS
 
 from diga3d_warp.config import Effects
-from diga3d_warp.gaussians.fit import Target
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.target import Target
 from diga3d_warp.pipelines import coarse, fine
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.stages import read_mask

@@ -11,7 +11,7 @@ import torch
 from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
-from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines import clearing, stages
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.formats.read import read_splat
 from diga3d_warp.scene.layouts.cameras_file import CameraSet, save_cameras
@@ -57,7 +57,7 @@ def test_stages_read_back_every_row_that_they_wrote(room, tmp_path):
     rows[:3] = True
     run = Run(tmp_path / "run", "remove", {})
     masks = {view.name: view.mask for view in views}
-    cleared = stages.clear_object(run, views, masks, source, rows, LiftSettings())
+    cleared = clearing.clear_object(run, views, masks, source, rows, LiftSettings())
     assert len(cleared.gaussians) == len(cleared.free) == 37
     for (name, mine), (_, theirs) in zip(
         cleared.gaussians.named(), source.select(~rows).named(), strict=True

@@ -27,7 +27,8 @@ sys.platform, platform.machine = "win32", lambda: "ARM64"
 import importlib, pkgutil
 
 import diga3d_warp
-from diga3d_warp.gaussians.fit import FitSettings, Target, fit
+from diga3d_warp.gaussians.fit import FitSettings, fit
+from diga3d_warp.gaussians.target import Target
 
 for module in pkgutil.walk_packages(diga3d_warp.__path__, "diga3d_warp."):
     if not module.name.endswith("__main__"):

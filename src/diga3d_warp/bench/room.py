@@ -9,11 +9,11 @@ from dataclasses import replace
 import torch
 
 from diga3d_warp.evaluation.metrics import Score, compare, mean_scores
+from diga3d_warp.pipelines.clearing import widened
 from diga3d_warp.pipelines.demo import TRUTH
 from diga3d_warp.pipelines.remove import RemoveSettings
 from diga3d_warp.pipelines.request import EditResult
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.pipelines.stages import widened
 from diga3d_warp.scene.photographs.images import read_image
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.scene.synthetic.generate import SyntheticScene

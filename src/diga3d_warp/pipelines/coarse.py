@@ -9,10 +9,11 @@ import numpy as np
 import torch
 
 from diga3d_warp.files import to_bytes, write_arrays, write_image
-from diga3d_warp.gaussians.fit import FitSettings, Target, fit
+from diga3d_warp.gaussians.fit import FitSettings, fit
 from diga3d_warp.gaussians.initialise import from_image
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.pipelines import stages
+from diga3d_warp.gaussians.target import Target
+from diga3d_warp.pipelines import clearing, stages
 from diga3d_warp.pipelines.method import Method
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
@@ -119,7 +120,7 @@ def seeds_of(
 def refit(
     run: Run,
     views: Sequence[View],
-    cleared: stages.Cleared,
+    cleared: clearing.Cleared,
     backgrounds: Sequence[Background],
     fills: Sequence[Fill],
     references: References,

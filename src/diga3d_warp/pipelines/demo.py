@@ -23,12 +23,13 @@ from diga3d_warp.evaluation.record import MANIFEST, add_metrics, read_manifest, 
 from diga3d_warp.evaluation.report import write_report
 from diga3d_warp.evaluation.tables import Table, score_table
 from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.pipelines.clearing import widened
 from diga3d_warp.pipelines.remove import RemoveSettings, remove_object
 from diga3d_warp.pipelines.replace import ReplaceSettings, replace_object
 from diga3d_warp.pipelines.request import EditResult
 from diga3d_warp.pipelines.retexture import RetextureSettings, retexture_object
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.pipelines.stages import SOURCE, widened
+from diga3d_warp.pipelines.stages import SOURCE
 from diga3d_warp.priors.classical import mean_color_fill, telea_fill
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.scene.load import load_scene

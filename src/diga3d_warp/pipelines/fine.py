@@ -10,8 +10,9 @@ import numpy as np
 import torch
 
 from diga3d_warp.config import Effects
-from diga3d_warp.gaussians.fit import FitSettings, Target, fit
+from diga3d_warp.gaussians.fit import FitSettings, fit
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.target import Target
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.conditioning import Guidance

@@ -12,9 +12,10 @@ import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import to_bytes, write_array, write_image, write_json
-from diga3d_warp.gaussians.fit import FitSettings, Target, fit
+from diga3d_warp.gaussians.fit import FitSettings, fit
 from diga3d_warp.gaussians.initialise import from_image
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.target import Target
 from diga3d_warp.objects.surface import Sight
 from diga3d_warp.perception.depth import DepthEstimator, align_disparity
 from diga3d_warp.pipelines import stages

@@ -15,7 +15,7 @@ from diga3d_warp.files import write_image
 from diga3d_warp.gaussians.lift import LiftSettings, Votes, object_mask, object_rows, vote
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.perception.boxes import cut_along
-from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines import clearing
 from diga3d_warp.pipelines.marking import Marks
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.scene import Scene, View
@@ -53,7 +53,7 @@ class MaskPropagationSettings:
 
 def propagate_masks(
     run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: LiftSettings
-) -> stages.Masks:
+) -> clearing.Masks:
     """Object masks: of all views from those of the marked ones; the user's, if the scene brought its own.
 
     The gaussians that the marked views show the object by give every other view a rough mask, whose edge
@@ -91,10 +91,10 @@ def propagate_masks(
 
     folder = run.stage("propagate-masks", compute)
     run.publish(folder / SHEET, SHEET)
-    return stages.read_masks(folder, views)
+    return clearing.read_masks(folder, views)
 
 
-def _votes(source: Gaussians, views: Sequence[View], masks: stages.Masks, effects: Effects) -> Votes:
+def _votes(source: Gaussians, views: Sequence[View], masks: clearing.Masks, effects: Effects) -> Votes:
     """Votes of the views that have a mask."""
     known = [view for view in views if view.name in masks]
     return vote(source, [view.camera for view in known], [masks[view.name] for view in known], effects)

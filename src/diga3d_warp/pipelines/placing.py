@@ -11,8 +11,9 @@ import torch
 
 from diga3d_warp.config import Effects
 from diga3d_warp.files import to_bytes, write_array, write_image
-from diga3d_warp.gaussians.fit import FitSettings, Target, fit
+from diga3d_warp.gaussians.fit import FitSettings, fit
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.target import Target
 from diga3d_warp.kernels.harmonics import C0
 from diga3d_warp.materials.painting import GAMMA
 from diga3d_warp.objects.asset import Asset, MeshAsset
@@ -22,7 +23,7 @@ from diga3d_warp.objects.placement import Placed, PlacedMesh, PlacedSplat
 from diga3d_warp.objects.shadow import Shadow
 from diga3d_warp.objects.support import find_place
 from diga3d_warp.objects.surface import Sight, fuse, pixel_width, unprojected
-from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines import clearing, stages
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.scene import View
@@ -102,7 +103,7 @@ class _Stand:
 
 
 def place_object(
-    run: Run, views: Sequence[View], others: Sequence[View], edit_masks: stages.Masks,
+    run: Run, views: Sequence[View], others: Sequence[View], edit_masks: clearing.Masks,
     sights: Sequence[Sight], cleared: Gaussians, asset: Asset, settings: PlacingSettings,
 ) -> Staged:  # fmt: skip
     """Put an asset where the old object stood, with its shadow, and draw it into every view.
@@ -186,7 +187,7 @@ def _put(asset: Asset, frame: Frame, scale: float, light: Light, effects: Effect
 
 
 def _blocking(
-    cleared: Gaussians, views: Sequence[View], edit_masks: stages.Masks,
+    cleared: Gaussians, views: Sequence[View], edit_masks: clearing.Masks,
     looks: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], stand: _Stand,
 ) -> torch.Tensor:  # fmt: skip
     """Gaussians that stand before the new object and cannot be anything real, shape (N,), bool.

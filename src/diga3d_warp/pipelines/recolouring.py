@@ -12,9 +12,10 @@ import torch
 from diga3d_warp.config import Effects
 from diga3d_warp.files import to_bytes, write_arrays, write_image
 from diga3d_warp.gaussians.density import spread_out
-from diga3d_warp.gaussians.fit import FitSettings, Target, fit
+from diga3d_warp.gaussians.fit import FitSettings, fit
 from diga3d_warp.gaussians.lift import lifted_colors, object_share
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.target import Target
 from diga3d_warp.kernels.harmonics import C0
 from diga3d_warp.objects.repaint import Repainter
 from diga3d_warp.objects.surface import Sight, pixel_width, without_floaters

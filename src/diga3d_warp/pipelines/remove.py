@@ -33,7 +33,7 @@ from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.pipelines import coarse, fine, marking, mask_propagation, stages
+from diga3d_warp.pipelines import clearing, coarse, fine, marking, mask_propagation, stages
 from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks
@@ -83,7 +83,7 @@ class RemoveSettings:
     refit: FitSettings = REFIT
     distil: FitSettings = DISTIL
     lift: LiftSettings = field(default_factory=LiftSettings)
-    masking: stages.MaskSettings = field(default_factory=stages.MaskSettings)
+    masking: clearing.MaskSettings = field(default_factory=clearing.MaskSettings)
     method: Method | None = None
 
     def method_for(self, prior: Prior) -> Method:
@@ -152,7 +152,7 @@ class TakenOut:
     source: Gaussians
     rows: torch.Tensor
     scene: Scene
-    edit_masks: stages.Masks
+    edit_masks: clearing.Masks
     references: References
     stage: str
 
@@ -171,10 +171,10 @@ def take_out(
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.correct_exposure(run, scene)
     object_masks = mask_propagation.propagate_masks(run, scene, source, marks, settings.lift)
-    rows, edit_masks = stages.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
+    rows, edit_masks = clearing.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
     views = scene.views
-    cleared = stages.clear_object(run, views, edit_masks, source, rows, settings.lift)
-    backgrounds, depths = stages.look_behind(run, views, edit_masks, cleared)
+    cleared = clearing.clear_object(run, views, edit_masks, source, rows, settings.lift)
+    backgrounds, depths = clearing.look_behind(run, views, edit_masks, cleared)
     unseen = [at.unseen for at in backgrounds]
     holes = unseen if any(hole.any() for hole in unseen) else [edit_masks[view.name] for view in views]
     references = stages.choose_references(run, views, holes, method, seed)

@@ -37,7 +37,7 @@ from diga3d_warp.materials.vocabulary import Material
 from diga3d_warp.objects.diffusion_repaint import DiffusionRepainter
 from diga3d_warp.objects.picture import chosen_material
 from diga3d_warp.objects.repaint import MaterialRepainter, Repainter
-from diga3d_warp.pipelines import fine, marking, mask_propagation, recolouring, stages
+from diga3d_warp.pipelines import clearing, fine, marking, mask_propagation, recolouring, stages
 from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.free_text import FreeText, check_built_in, reads_free_text
@@ -82,7 +82,7 @@ class RetextureSettings:
     distil: FitSettings = DISTIL
     split: recolouring.SplitSettings = field(default_factory=recolouring.SplitSettings)
     lift: LiftSettings = field(default_factory=LiftSettings)
-    masking: stages.MaskSettings = field(default_factory=stages.MaskSettings)
+    masking: clearing.MaskSettings = field(default_factory=clearing.MaskSettings)
     method: Method | None = None
 
 
@@ -129,7 +129,7 @@ def retexture_object(
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.correct_exposure(run, scene)
     object_masks = mask_propagation.propagate_masks(run, scene, source, marks, settings.lift)
-    rows, _ = stages.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
+    rows, _ = clearing.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
     views = scene.views
     sights = recolouring.look_at_object(run, views, source, rows)
     references = stages.choose_references(run, views, [sight.touched for sight in sights], method, seed)

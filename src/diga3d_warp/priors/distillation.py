@@ -45,7 +45,7 @@ class DistillationSettings:
 
 @dataclass(frozen=True, eq=False)
 class TextureGeometryGuide:
-    """TG-SDS for one view, as a fit takes it (`gaussians.fit.Target.guide`).
+    """TG-SDS for one view, as a fit takes it (`gaussians.target.Target.guide`).
 
     Attributes:
         prior: The diffusion prior.

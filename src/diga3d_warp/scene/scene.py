@@ -23,7 +23,7 @@ class View:
         pixels: The photograph, over `images.BACKGROUND` where it is transparent, shape (H, W, 3), uint8 RGB.
             Kept in 8 bits: 71 views of 720 x 1280 take 0.2 GB so, and 0.8 GB as floats.
         mask: True where the user says that the object is, shape (H, W), bool; None if the user says nothing
-            of this view. Masks that a run makes of it have names of their own (`pipelines.stages.Masks`).
+            of this view. Masks that a run makes of it have names of their own (`pipelines.clearing.Masks`).
         alpha: Opacity of the photograph, shape (H, W), uint8; None where it is opaque everywhere.
         orientation: EXIF orientation by which viewers turn `pixels`; 1 if they show them as they are here.
     """

@@ -1,0 +1,178 @@
+"""Stages that clear the object: masks lifted to gaussians, gaussians deleted, background behind observed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.files import write_array, write_image, write_json
+from diga3d_warp.gaussians.lift import LiftSettings, object_mask, object_rows, vote
+from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.pipelines.run import Run
+from diga3d_warp.pipelines.stages import GAUSSIANS, LIFT
+from diga3d_warp.propagation.unseen import Background, observe_behind
+from diga3d_warp.scene.scene import Scene, View
+from diga3d_warp.splatting.render import render
+from diga3d_warp.state import read_array, read_mask, read_picture, read_plane
+
+
+@dataclass(frozen=True)
+class MaskSettings:
+    """Dilation of the masks before anything is filled.
+
+    Attributes:
+        dilation: Radius [image diagonals]. Masks seldom reach the object's very rim, and splats reach over
+            it. SPIn-NeRF: five times 5 x 5, 10 px at a diagonal of 1157 px; here a little more, against the
+            halo of fitted splats.
+    """
+
+    dilation: float = 0.012
+
+
+Masks = Mapping[str, np.ndarray]
+"""Masks by the name of their view, shape (H, W), bool. Of an object mask, True is where the object is; of an
+edit mask, where the view may be changed: the object mask, widened."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cleared:
+    """The scene with the object's gaussians taken out.
+
+    Attributes:
+        gaussians: What is left.
+        free: Rows that show within the edit masks and may change when the hole is filled, shape (N,).
+    """
+
+    gaussians: Gaussians
+    free: torch.Tensor
+
+    def held(self, count: int) -> torch.Tensor:
+        """Mask of the rows that keep their values while the hole is filled, of `count` gaussians."""
+        return torch.nn.functional.pad(~self.free, (0, count - len(self.free)))
+
+
+def lift_object(
+    run: Run, scene: Scene, object_masks: Masks, source: Gaussians, settings: LiftSettings,
+    masking: MaskSettings,
+) -> tuple[torch.Tensor, Masks]:  # fmt: skip
+    """Lift object masks to the object's gaussians, and widen them.
+
+    Args:
+        run: Run folder that receives the stage.
+        scene: The capture.
+        object_masks: Of some views or all; of those in training, at least one. Views without one get one from
+            the object's gaussians.
+        source: The splat, N gaussians.
+        settings: Thresholds for assigning a gaussian to the object.
+        masking: Dilation of the masks.
+
+    Returns:
+        Which gaussians belong to the object, shape (N,), bool, and the edit masks of all views.
+
+    Raises:
+        InputError: the masks lift to no gaussian or to all of them.
+    """
+
+    def compute(folder: Path) -> None:
+        masked = [view for view in scene.views if view.name in object_masks]
+        cameras, masks = [view.camera for view in masked], [object_masks[view.name] for view in masked]
+        votes = vote(source, cameras, masks, run.effects)
+        rows = object_rows(votes, settings)
+        if not rows.any():
+            raise InputError(
+                f"{scene.path}: the masks lift to no gaussian; do they belong to these images? The object "
+                "may also be too small or thin: try more --iterations"
+            )
+        if rows[votes.total > settings.faint].all():
+            raise InputError(f"{scene.path}: the masks lift to every gaussian seen; mask the object only")
+        for view in [*scene.views, *scene.test_views]:
+            mask = object_masks.get(view.name)
+            if mask is None:
+                mask = object_mask(source, view.camera, rows, settings, run.effects)
+            write_image(folder / "masks" / f"{view.name}.png", widened(mask, masking))
+        write_array(folder / "object.npy", rows)
+
+    folder = run.stage(LIFT, compute)
+    edit_masks = read_masks(folder / "masks", [*scene.views, *scene.test_views])
+    return torch.from_numpy(read_array(folder / "object.npy")), edit_masks
+
+
+def read_masks(folder: Path, views: Sequence[View]) -> Masks:
+    """The masks of views from a stage's folder."""
+    return {view.name: read_mask(folder / f"{view.name}.png") for view in views}
+
+
+def clear_object(
+    run: Run, views: Sequence[View], edit_masks: Masks, source: Gaussians, rows: torch.Tensor,
+    settings: LiftSettings,
+) -> Cleared:  # fmt: skip
+    """Delete the object's gaussians.
+
+    Args:
+        run: Run folder that receives the stage.
+        views: Training views.
+        edit_masks: Of these views.
+        source: N gaussians.
+        rows: Those of the object, shape (N,).
+        settings: Which of the others may change.
+    """
+
+    def compute(folder: Path) -> None:
+        left = source.select(~rows)
+        masks = [edit_masks[view.name] for view in views]
+        near = vote(left, [view.camera for view in views], masks, run.effects)
+        left.save_ply(folder / GAUSSIANS, antialiased=run.effects.antialias)
+        write_array(folder / "free.npy", near.share > settings.free_share)
+        write_json(folder / "counts.json", {"object": int(rows.sum()), "left": int((~rows).sum())})
+
+    folder = run.stage("clear", compute)
+    free = torch.from_numpy(read_array(folder / "free.npy"))
+    return Cleared(Gaussians.load_ply(folder / GAUSSIANS, every_row=True), free)
+
+
+def look_behind(
+    run: Run, views: Sequence[View], edit_masks: Masks, cleared: Cleared
+) -> tuple[list[Background], list[np.ndarray]]:
+    """Background that other views observed behind the object, and depth of the cleared scene, per view."""
+    masks = [edit_masks[view.name] for view in views]
+
+    def compute(folder: Path) -> None:
+        depths, alphas = [], []
+        with_depth = replace(run.effects, depth=True)
+        for view in views:
+            with torch.no_grad():
+                rendering = render(cleared.gaussians, view.camera, effects=with_depth)
+            depths.append(rendering.depth.numpy())
+            alphas.append(rendering.alpha.numpy())
+        backgrounds = observe_behind(views, masks, depths, alphas)
+        for view, background, depth, alpha in zip(views, backgrounds, depths, alphas, strict=True):
+            write_image(folder / f"{view.name}.png", background.image)
+            write_image(folder / f"{view.name}.unseen.png", background.unseen)
+            if background.alpha is not None:
+                write_image(folder / f"{view.name}.alpha.png", background.alpha)
+            surface = np.where(alpha > 0.5, depth, 0.0).astype(np.float32)
+            write_array(folder / f"{view.name}.depth.npy", surface)
+
+    folder = run.stage("look-behind", compute)
+    backgrounds, depths = [], []
+    for view, mask in zip(views, masks, strict=True):
+        unseen = read_mask(folder / f"{view.name}.unseen.png")
+        image = read_picture(folder / f"{view.name}.png")
+        alpha = None if view.alpha is None else read_plane(folder / f"{view.name}.alpha.png")
+        backgrounds.append(Background(unseen, image, mask & ~unseen, alpha))
+        depths.append(read_array(folder / f"{view.name}.depth.npy"))
+    return backgrounds, depths
+
+
+def widened(mask: np.ndarray, settings: MaskSettings) -> np.ndarray:
+    """A mask dilated by a disc, shape (H, W), bool."""
+    import cv2
+
+    radius = max(1, round(settings.dilation * float(np.hypot(*mask.shape))))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    return cv2.dilate(mask.astype(np.uint8), disc) > 0
