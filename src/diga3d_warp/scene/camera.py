@@ -21,7 +21,7 @@ PIXELS_MAX = 1e6
 polynomial, (1e6)^5 times `COEFFICIENT_MAX`, still is a float32."""
 
 PIXELS_MIN = 1e-6
-"""Smallest focal length [px]: its reciprocal is the largest ray that is told from the image plane."""
+"""Smallest focal length [px]: its reciprocal bounds the slope of a ray."""
 
 COEFFICIENT_MAX = 100.0
 """Largest coefficient of a lens [1]. Real ones stay below 10."""

@@ -1,4 +1,4 @@
-"""Capture: what a reader returns, before any photograph is opened."""
+"""Capture: the calibration that a reader returns, before any photograph is opened."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class Capture:
         image_folders: Folders that hold the same photographs, keyed by the factor by which they are
             smaller: {1: images, 2: images_2}.
         points: Sparse points, or None where the capture has none.
-        notes: What a user should know of the reading, one line each.
-        held_out: Names of the shots that the capture itself keeps for testing; None if it says nothing of it.
+        notes: Assumptions and omissions of the reader, one line each.
+        held_out: Names of the shots that the capture itself keeps for testing; None if it has no split.
     """
 
     kind: str

@@ -1,4 +1,4 @@
-"""The size of a capture, from camera centres and points, whatever single ones of them lie far away."""
+"""The size of a capture, from camera centres and points, robust to outliers."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 
 @dataclass(frozen=True)
 class ExtentSettings:
-    """Which cameras count, and how far they reach.
+    """Thresholds for outliers among the cameras, and for the extent.
 
     Attributes:
-        quantile: Part of the cameras whose distance from the median centre is taken for usual. Half of them
-            may stand close together, and up to a quarter may be registered wrongly.
-        outlier: A camera further away than this many usual distances does not count [ratio]. In real captures
+        quantile: Quantile of the cameras' distances from the median centre taken as typical. Half of them may
+            be close together, and up to a quarter may be registered wrongly.
+        outlier: A camera further away than this many typical distances is an outlier [ratio]. In real captures
             the furthest one reaches 1.2 to 2; one that was registered wrongly lies hundreds away, and the
             largest distance of all, which 3DGS takes, would be its.
         margin: The extent is the largest distance that counts times this [ratio], as in 3DGS

@@ -47,9 +47,9 @@ from diga3d_warp.scene.working_frame import WorkingFrame, with_near_planes
 
 T = TypeVar("T")
 
-# With fewer views, holding one out costs the fit more than a test is worth.
+# With fewer views than this, none is held out: the fit needs all of them.
 _FEWEST_VIEWS_TO_HOLD_OUT = 4
-# Images that are told one by one why they are left out.
+# Most images whose reason for being left out is noted one by one; the others are counted.
 _REASONS = 4
 
 
@@ -64,11 +64,11 @@ def load_scene(
 ) -> Scene:
     """Read a capture, recognising its layout.
 
-    The file that is named is the file that is read: a transforms.json, a cameras.json, a file of a COLMAP
-    reconstruction, poses_bounds.npy, a splat .ply. In a folder, in this order: the cameras.json of a splat;
+    A file is read as given: a transforms.json, a cameras.json, a file of a COLMAP reconstruction,
+    poses_bounds.npy, a splat .ply. In a folder the first of these is read: the cameras.json of a splat;
     nerfstudio (`transforms.json`); COLMAP (`sparse/0` or elsewhere, .bin or .txt); NeRF-synthetic
     (`transforms_train.json`); Polycam (`keyframes`); LLFF and SPIn-NeRF (`poses_bounds.npy`); a cameras.json
-    without a splat; photographs only, whose poses are then recovered. Poses that are there and not read are
+    without a splat; photographs only, whose poses are then recovered. Poses that are present but not read are
     named in a note. Photographs that are missing or damaged are left out with a note. Where there are no
     sparse points they are triangulated.
 
@@ -77,7 +77,7 @@ def load_scene(
         image_scale: Size of the views in (0, 1], relative to the largest images present. `images_N` is read
             where it is large enough.
         masks: Folder with masks named after the images; None looks for `images_N/label`, masks that
-            transforms.json names, and `masks`. Those found that are of no use are noted and left out.
+            transforms.json names, and `masks`. Unusable masks among them are noted and left out.
         mask_ids: Numbers of the objects that are meant, where masks hold several; all if empty.
         hold_out: Every such view in sorted order, from the first, is held out for testing; 0 holds out none,
             and so do scenes of fewer than 4 views. A capture's own split is kept instead: of SPIn-NeRF,
@@ -166,7 +166,7 @@ def load_scene(
 
 
 def _read(found: Recognised, progress: bool) -> Capture:
-    """The calibration that was found."""
+    """Read the calibration that was recognised."""
     root, poses = found.root, list(found.poses)
     if found.kind == "images":
         return _map_folder(root, progress)
@@ -215,7 +215,7 @@ def _map_folder(root: Path, progress: bool) -> Capture:
 
 
 def _of_training(points: Points, test: Set[str]) -> tuple[Points, str]:
-    """Mapped points that two training photographs show or more, and what to say of the others."""
+    """Mapped points that at least two training photographs show, and notes on the others."""
     kept = points.without(test)
     return kept, (
         "the poses were found from all photographs, those held out too; "
@@ -226,10 +226,10 @@ def _of_training(points: Points, test: Set[str]) -> tuple[Points, str]:
 def _with_points(
     views: Mapping[str, View], turns: Turns, given: Points | None, test: frozenset[str], progress: bool
 ) -> tuple[Mapping[str, View], Turns, Points, list[str]]:
-    """Views as their calibration means them, sparse points, and what to say of both.
+    """Views in the orientation of their calibration, sparse points, and notes on both.
 
-    Points that the capture lacks are triangulated, from training views alone: those of held-out views would
-    show the fit what it is tested on.
+    Missing points are triangulated from training views only, so that held-out views do not influence the
+    fit.
     """
     doubtful, notes = turns.doubtful, []
     upright = {
@@ -272,12 +272,12 @@ def _check_triangulated(views: Mapping[str, View], points: Points, found: Recogn
 
 
 def _pose_source(found: Recognised) -> Path:
-    """What to name in an error about poses: their file or folder if there is one, or else the capture."""
+    """The path that errors about poses name: their file or folder if there is one, or else the capture."""
     return found.poses[0] if len(found.poses) == 1 else found.root
 
 
 def _triangulate(views: Mapping[str, View], test: frozenset[str], progress: bool) -> Points:
-    """Points of the training views, found around the origin: millions of units away float64 would not do."""
+    """Points of the training views, triangulated around the origin: far from it, float64 is too coarse."""
     numbered = _numbered([view for key, view in views.items() if key not in test])
     frame = WorkingFrame.of_cameras([view.camera for view in numbered.values()])
     pixels = {number: view.pixels for number, view in numbered.items()}
@@ -328,7 +328,7 @@ def _read_photographs(
 
 
 def _damage_notes(errors: Sequence[InputError]) -> list[str]:
-    """A note on each of a few images that are left out, and one on how many more there are."""
+    """Notes on the images that are left out: one for each of the first few, and the number of others."""
     notes = [f"left out: {error}" for error in errors[:_REASONS]]
     rest = len(errors) - len(notes)
     return [*notes, f"left out: {rest} more images that cannot be read"] if rest else notes
@@ -348,7 +348,7 @@ def _view(shot: Shot, key: str, photograph: Photograph, orientation: int) -> Vie
 
 
 def _held_out(keys: Sequence[str], apart: frozenset[str] | None, hold_out: int) -> frozenset[str]:
-    """Keys of the test views: those that the capture keeps apart, if it says so, else every so many."""
+    """Keys of the test views: the capture's own split if it has one, else every `hold_out`th."""
     if apart is not None:
         return apart
     if hold_out <= 0 or len(keys) < _FEWEST_VIEWS_TO_HOLD_OUT:

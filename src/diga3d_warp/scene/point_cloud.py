@@ -1,4 +1,4 @@
-"""Coloured points of a .ply file: positions and 8-bit colours, whatever numbers the file holds them in."""
+"""Coloured points of a .ply file: positions and 8-bit colours, from any numeric type."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def read_points(path: Path) -> tuple[Points, list[str]]:
     fields = {name.lower(): name for name in vertices.dtype.names or ()}
     if not {"x", "y", "z"} <= fields.keys():
         raise InputError(f"{path}: the vertices have no x, y, z; export it again")
-    with np.errstate(invalid="ignore"):  # what is not finite is looked for below
+    with np.errstate(invalid="ignore"):  # values that are not finite are handled below
         positions = np.stack([vertices[fields[axis]] for axis in "xyz"], axis=1).astype(np.float64)
     notes = []
     names = next((names for names in _COLOR_NAMES if fields.keys() >= set(names)), None)

@@ -1,4 +1,4 @@
-"""Poses as files give them: rotations that went through text, matrices of several shapes."""
+"""Conversion of the poses in files: rounded rotations, and matrices of several shapes."""
 
 from __future__ import annotations
 

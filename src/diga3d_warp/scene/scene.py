@@ -1,4 +1,4 @@
-"""Scene: what a capture holds once read: calibrated views, masks and sparse points."""
+"""Scene: a capture in memory, with calibrated views, masks and sparse points."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class View:
         camera: Camera at the size of the image.
         pixels: The photograph, over `images.BACKGROUND` where it is transparent, shape (H, W, 3), uint8 RGB.
             Kept in 8 bits: 71 views of 720 x 1280 take 0.2 GB so, and 0.8 GB as floats.
-        mask: True where the user says that the object is, shape (H, W), bool; None if the user says nothing
-            of this view. Masks that a run makes of it have names of their own (`pipelines.clearing.Masks`).
+        mask: The user's object mask, shape (H, W), bool; None if this view has none. Masks that a run derives
+            from it have names of their own (`pipelines.clearing.Masks`).
         alpha: Opacity of the photograph, shape (H, W), uint8; None where it is opaque everywhere.
         orientation: EXIF orientation by which viewers turn `pixels`; 1 if they show them as they are here.
     """
@@ -96,16 +96,16 @@ class Scene:
     """A capture, ready to fit.
 
     Attributes:
-        path: Where it was read from.
+        path: Folder or file that was read.
         kind: The layout that was recognised: "colmap", "nerfstudio", "llff", "splat" or "images".
         views: Training views.
         test_views: Views held out for testing; never fitted.
         points: Sparse points, world space.
-        notes: What a user should know of the reading, one line each: missing images, repaired masks.
+        notes: Assumptions and omissions of the reader, one line each: missing images, repaired masks.
         splat: The splat .ply that the scene came with, if it came with one.
         ground_truth: True if `test_views` show the scene without the object (the SPIn-NeRF protocol).
-        reading: How it was read.
-        mask_problem: Why masks that are there are not used; None if nothing is wrong with them.
+        reading: The arguments of `load_scene`.
+        mask_problem: Why the masks found are not used; None if they are.
         may_be_seen: Whether `splat` may have been trained on `test_views`: it came without its own split.
     """
 
@@ -148,7 +148,7 @@ class Scene:
         return self.with_cameras(Camera.without_lens)
 
     def with_alpha(self, known: bool) -> Scene:
-        """The same scene with the alpha of every view spelled out, or with none: all as if opaque."""
+        """The same scene with an alpha in every view, or in none, as if all were opaque."""
 
         def spelled(view: View) -> View:
             return replace(view, alpha=view.opacity if known else None)

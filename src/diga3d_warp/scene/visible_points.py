@@ -1,4 +1,4 @@
-"""Where a camera sees points: their pixels and depths, with the lens."""
+"""Projection of points into a camera with its lens: pixels and depths of those inside the image."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class VisiblePoints:
     """Points inside an image, whether or not something hides them.
 
     Attributes:
-        index: Their rows, shape (N,), int64.
-        place: Where they fall [px], shape (N, 2), float64.
+        index: Rows of the points, shape (N,), int64.
+        place: Projected positions [px], shape (N, 2), float64.
         depth: Depth along the viewing direction [scene units], shape (N,), float64; positive.
         in_front: How many points lie in front of the camera, inside the image or not.
     """
@@ -29,10 +29,10 @@ class VisiblePoints:
     in_front: int
 
     def nearest(self, per_cell: float) -> VisiblePoints:
-        """The nearest point of each cell of an image, as what lies behind it may be hidden.
+        """The nearest point of each cell of the image; points behind it may be occluded.
 
         Args:
-            per_cell: Cells are so large that they hold this many points each, in the mean.
+            per_cell: Mean number of points in a cell.
         """
         if not len(self.index):
             return self

@@ -1,9 +1,9 @@
-"""The frame in which a capture is computed: its cameras around the origin, its extent 1.
+"""Working frame of the computation: cameras around the origin, extent 1.
 
-Captures come in metres, in thousandths of the scene, or in UTM coordinates with millions of metres before the
-point. Kernels hold coordinates as float32, and thresholds have sizes. So a capture is moved and scaled in
-float64 first, and what is made of it is moved back at the end. In this frame lengths are parts of the
-extent, and the same capture in other units gives the same result.
+Captures come in metres, in arbitrary units, or in UTM coordinates of millions of metres. Kernels hold
+coordinates as float32, and some thresholds are lengths. So a capture is first shifted and scaled in float64,
+and results are transformed back at the end. In this frame lengths are fractions of the extent, and the same
+capture in other units gives the same result.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class WorkingFrame:
         return replace(scene.with_cameras(self.working_camera), points=points)
 
     def as_json(self) -> dict[str, Any]:
-        """For the manifest of a run."""
+        """The frame as JSON data for the manifest of a run."""
         return {"origin": self.origin.tolist(), "unit": self.unit}
 
 

@@ -17,7 +17,7 @@ from diga3d_warp.scene.camera import Camera
 
 @dataclass(frozen=True)
 class PlausibleCalibration:
-    """Beyond these, a calibration is read as it is, and noted. No capture of the field's benchmarks is.
+    """Limits of a plausible calibration; one beyond them is used, with a note. No benchmark capture is.
 
     Attributes:
         off_middle: Distance of the principal point from the middle of the image, in widths or heights
@@ -168,7 +168,7 @@ _CHECKS: tuple[Callable[[Camera], str | None], ...] = (_off_middle, _odd_view, _
 
 
 def calibration_notes(cameras: Mapping[str, Camera]) -> list[str]:
-    """What is odd about the cameras of a capture, by image name: one line for each kind, with an example."""
+    """Notes on implausible cameras of a capture: one line for each kind, with an example."""
     notes = []
     for check in _CHECKS:
         odd = {name: said for name, camera in cameras.items() if (said := check(camera)) is not None}

@@ -22,31 +22,31 @@ from diga3d_warp.scene.visible_points import visible_points
 
 @dataclass(frozen=True)
 class FrameSettings:
-    """What is evidence of a wrong frame, measured on three real captures and a synthetic room.
+    """Thresholds of the check, measured on three real captures and a synthetic room.
 
     Attributes:
-        views: So many views are looked at, spread over the capture. The check takes some 20 ms then.
-        points: And so many points, chosen at random.
-        per_cell: The nearest of so many points that fall close together counts: the others may be hidden.
-            Around a stone bear the correlation is 0.65 with all of them and 0.82 so.
+        views: Number of views that are examined, spread over the capture. The check then takes about 20 ms.
+        points: Number of points that are examined, chosen at random.
+        per_cell: Of about this many neighbouring points only the nearest is used: the others may be occluded.
+            On a capture of a stone bear this raises the correlation from 0.65 to 0.82.
         image_side: Longer side of the reduced photographs that colours are taken from [px]. A sparse point
             has the colour of a few pixels of the full photograph, and may be off by as many.
         seen_least: Share of the points that some view must see, unless their colours agree. Real captures
             reach 0.99, and 0.88 where a third of the photographs is left; wrong ones mostly 0.
-        few: With fewer points nothing is judged.
-        colored: Colours are judged from so many distinct points on: fewer agree by chance.
+        few: With fewer points there is no check.
+        colored: Least number of distinct points for comparing colours: fewer may agree by chance.
         agrees: Correlation of colours of points and pixels from which a frame is right. Real captures reach
             0.49 to 0.82, splats at the start of a fit 0.36.
-        disagrees: Correlation below which a frame is wrong, if colours say anything at all; between both, a
-            note says so. Wrong ones reach -0.1 to 0.21: walls are light and floors dark wherever one looks.
+        disagrees: Correlation below which a frame is wrong, if colours are informative; between both, a note
+            is given. Wrong ones reach -0.1 to 0.21: walls are light and floors dark wherever one looks.
         better: A suspect must raise the correlation by this much. Suspects of right captures stay 0.5 below.
-        incoherent: Colours of neighbouring points that differ by this share of the variance between any two
-            say nothing: points of a random start have 1, real ones 0.27 to 0.59.
+        incoherent: Colours are not informative if those of neighbouring points differ by this share of the
+            variance between any two: randomly initialised points have 1, real ones 0.27 to 0.59.
         blind_view: A view that sees less than this share of the points, while the median view sees
             `usual_view`, is noted.
         triangulated: Fewer triangulated points a view than this are few, and the suspects are tried. Captures
             without texture have few, too.
-        triangulated_better: A suspect must give so many times the points.
+        triangulated_better: A suspect must give this many times the points.
     """
 
     views: int = 12
@@ -90,7 +90,7 @@ class Agreement:
 
     @property
     def tells(self) -> bool:
-        """Whether colours say anything."""
+        """Whether the colours are informative."""
         return self.colored >= FRAME.colored and math.isfinite(self.correlation)
 
     @property
@@ -102,13 +102,13 @@ class Agreement:
 def check_frame(
     views: Mapping[str, View], points: Points, source: Path, name: str, convention: str
 ) -> list[str]:
-    """Refuse a capture whose points do not lie where its cameras look.
+    """Refuse a capture whose points do not project onto matching pixels of its photographs.
 
     Args:
         views: Views by key, with the cameras as read.
         points: Sparse points as read, or centres and colours of a splat.
         source: File or folder with the poses, named in errors.
-        name: What the points are, such as "the sparse points".
+        name: Name of the points in errors, such as "the sparse points".
         convention: How poses are written in this layout, from `CONVENTIONS`.
 
     Returns:
@@ -249,7 +249,7 @@ def _coherent(points: Points) -> bool:
 
 
 def _blind(views: Mapping[str, View], points: Points) -> list[str]:
-    """Keys of the views that see nothing of the points, where others see much."""
+    """Keys of the views that see none of the points although most views see many."""
     shares = {
         key: len(visible_points(view.camera, points.positions).index) / len(points)
         for key, view in views.items()

@@ -1,8 +1,8 @@
-"""What usually goes wrong with the frame of a capture, and what would set it right.
+"""Common errors in the frame of a capture (suspects), and the transforms that correct them.
 
 Poses are written in two kinds of axes (OpenCV: y down, z forward; OpenGL: y up, z backward) and in two
-directions (world to camera, camera to world), and points are turned and scaled apart from them. Files do not
-say which they hold.
+directions (world to camera, camera to world), and points may be rotated and scaled independently of them.
+Files do not state their convention.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ UNITS = {1e3: "millimetres", 1e2: "centimetres", 1.0 / 0.3048: "feet"}
 
 @dataclass(frozen=True)
 class Suspect:
-    """One way in which a frame goes wrong.
+    """A common error in a frame.
 
     Attributes:
-        fault: What it would mean of the input, as an ending of "they fit if ...".
-        pose: World-to-camera transform (4, 4) as read to the one that would be right; may be no rotation.
-        points: Rows of positions (P, 3) as read to those that would be right.
+        fault: The error in words, which completes "they fit if ...".
+        pose: Maps a world-to-camera transform (4, 4) as read to the corrected one, which may be no rotation.
+        points: Maps positions (P, 3) as read to the corrected ones.
     """
 
     fault: str
@@ -88,7 +88,7 @@ POSES: Sequence[Suspect] = (
     Suspect("the translations are taken for camera centres", _center_as_translation),
     Suspect("the quaternions are taken as x, y, z, w", _scalar_last),
 )
-"""What may be wrong with poses."""
+"""Common errors in poses."""
 
 
 def _axis_rotations() -> Iterator[np.ndarray]:
@@ -117,7 +117,7 @@ def _rescaled(factor: float, words: str) -> Suspect:
 
 
 def point_suspects() -> Iterator[Suspect]:
-    """What may be wrong with points, whose cameras are right."""
+    """Common errors in points if the cameras are right."""
     for matrix in _axis_rotations():
         yield _exchanged(matrix)
     for per_metre, unit in UNITS.items():

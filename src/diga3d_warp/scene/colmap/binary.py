@@ -30,7 +30,7 @@ class _Cursor:
         return values
 
     def count(self, smallest_record: int) -> int:
-        """A count of records that the rest of the file has room for."""
+        """A number of records, checked against the rest of the file."""
         (number,) = self.take("Q")
         if number * smallest_record > len(self.data) - self.position:
             raise self.damaged(f"it announces {number} records but ends too early, or it is damaged")

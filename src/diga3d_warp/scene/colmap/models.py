@@ -45,11 +45,11 @@ def parameter_count(model: str) -> int:
 def camera_from_model(model: str, width: int, height: int, parameters: Sequence[float]) -> Camera:
     """A camera at the origin from COLMAP's model name and parameters.
 
-    Of the larger models those are read whose further coefficients are zero: FULL_OPENCV up to k3, as
-    Metashape exports it, and fisheyes up to k4.
+    Larger models are read if their further coefficients are zero: FULL_OPENCV up to k3, as Metashape exports
+    it, and fisheyes up to k4.
 
     Raises:
-        InputError: the model is unknown or bends images in a way that is not supported, or the count of
+        InputError: the model is unknown or has distortion that is not supported, or the count of
             parameters does not fit it.
     """
     if model not in MODELS:

@@ -32,7 +32,7 @@ class Reconstruction(NamedTuple):
     """A COLMAP reconstruction that was chosen.
 
     Attributes:
-        folder: Where it lies.
+        folder: Folder of its files.
         notes: Why it was chosen, if there was a choice; one line each.
         others: Those that were not chosen, of the same place.
     """

@@ -1,7 +1,7 @@
-"""Records of COLMAP's text files, in whatever editor or program they were saved since.
+"""Records of COLMAP's text files, also after editing in other programs.
 
-Byte order marks and UTF-16 are read, comments and blank lines may stand anywhere, and lines may end as on any
-system. Names that are not UTF-8 keep their bytes (`surrogateescape`).
+Byte order marks, UTF-16, comments and blank lines anywhere, and the line endings of any system are accepted.
+Names that are not UTF-8 keep their bytes (`surrogateescape`).
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ def text_images(path: Path, data: bytes) -> Iterator[tuple[str, int, tuple[float
     """Name, camera id and pose (quaternion w x y z, translation) of each image of an images.txt.
 
     In COLMAP's files a line of observations follows each line of an image; it may be empty. Files in which
-    these lines were left out, or blank lines were added, are read as well: a line of observations is told by
-    its numbers, three for each.
+    these lines were left out, or blank lines were added, are read as well: a line of observations is
+    recognised by its numbers, three for each.
 
     Raises:
         InputError: a line is neither.

@@ -1,4 +1,4 @@
-"""Cameras of a run as JSON: the file that 3DGS viewers read, with a few keys more so that nothing is lost.
+"""Cameras of a run as JSON: the cameras.json of 3DGS viewers, with further keys for lens, centre and split.
 
 The original 3DGS writes one entry an image: id, img_name, width, height, position (camera centre), rotation
 (camera to world, rows), fx, fy. Added here: cx, cy, distortion, near (the near plane) and split ("train" or

@@ -26,7 +26,7 @@ class Entries:
         self.objects = objects
 
     def get(self, name: str) -> Any:
-        """The value as it stands, or None."""
+        """The unchecked value, or None."""
         found = (each[name] for each in self.objects if each.get(name) is not None)
         return next(found, None)
 
@@ -100,5 +100,5 @@ class Entries:
 
 
 def abridged(value: Any) -> str:
-    """A value in a line that can be read."""
+    """A value shortened for an error message."""
     return _SHORT.repr(value).encode("ascii", "backslashreplace").decode()

@@ -46,7 +46,7 @@ def find_transforms(root: Path, name: str) -> list[Path]:
 
 
 def read_nerfstudio(root: Path, paths: Sequence[Path]) -> Capture:
-    """Read a nerfstudio scene. Intrinsics may stand in each frame or once for all.
+    """Read a nerfstudio scene. Intrinsics may be given for each frame or once for all.
 
     The poses and the points named by `ply_file_path` share one frame: nerfstudio applies
     `applied_transform` to both before writing them, so neither is changed here.

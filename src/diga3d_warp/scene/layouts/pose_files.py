@@ -1,6 +1,6 @@
-"""Pose files: what in a folder holds camera poses, whether it is read here or not.
+"""Pose files: files and folders of a capture that hold camera poses, in readable formats or others.
 
-Poses that a user brings are never dropped without a word: what is not read is named.
+Poses of the user are never ignored silently: files that are not read are named.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class PoseFile:
 
     Attributes:
         path: The file; the folder of a COLMAP reconstruction, or of files for each image.
-        what: Whose it is: "COLMAP", "Metashape" and so on.
+        what: Program that wrote it: "COLMAP", "Metashape" and so on.
         readable: Whether poses of this kind are read here.
     """
 
@@ -97,7 +97,7 @@ _UNREAD_EACH: Sequence[_Kind] = (
 
 
 def pose_files(root: Path) -> list[PoseFile]:
-    """Everything below a folder that looks like poses, outermost folders first."""
+    """Pose files below a folder, outermost folders first."""
     found = [each for folder, files in walk(root, DEPTH) for each in _in_folder(folder, files)]
     return sorted(found, key=lambda each: (len(each.path.parts), each.path))
 
@@ -121,7 +121,7 @@ def _in_folder(folder: Path, files: list[Path]) -> Iterator[PoseFile]:
 
 
 def _kind(path: Path, kinds: Sequence[_Kind]) -> str | None:
-    """Whose poses a file holds, or None."""
+    """Program that wrote the poses of a file, or None."""
     name = path.absolute().as_posix().lower()
     fitting = [(kind, sure) for pattern, kind, sure in kinds if re.fullmatch(pattern, name)]
     if not fitting:

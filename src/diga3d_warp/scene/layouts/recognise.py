@@ -1,7 +1,7 @@
 """Recognise: which of the files at a path hold the poses of a capture, and which splat belongs to it.
 
-The file that is named is the file that is read. In a folder, the poses that are most the capture's own are
-read: those beside a splat, then transforms.json, which people edit, then COLMAP's. A note names the others.
+A file is read as given. In a folder, the poses beside a splat come first, then transforms.json, which users
+edit, then COLMAP's. A note names the others.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _LEVELS_UP = 3  # from colmap/sparse/0 to the scene
 
 @dataclass(frozen=True)
 class Recognised:
-    """What was found at a path.
+    """The layout recognised at a path.
 
     Attributes:
         root: Scene folder.
@@ -64,7 +64,7 @@ class Recognised:
         poses: The files with the poses; of COLMAP and Polycam, their folder.
         splat: The splat that belongs to them.
         notes: What was chosen and what is not used, one line each.
-        also: Further files with poses that are read as well, or that the notes speak of.
+        also: Further files with poses that are read as well, or that the notes name.
         images: The image folder that was named, if one was.
     """
 
@@ -78,10 +78,10 @@ class Recognised:
 
 
 def recognise(path: Path) -> Recognised:
-    """What is at a path: a scene folder, one of the folders in it, or one of its files.
+    """Recognise the capture at a path: a scene folder, one of the folders in it, or one of its files.
 
     Raises:
-        InputError: nothing that is read; the line says what there is instead.
+        InputError: nothing that can be read; the message names what there is instead.
     """
     try:
         there = path.exists()
@@ -241,7 +241,7 @@ def no_photographs(root: Path) -> str:
 
 
 def _what_there_is(root: Path) -> str:
-    """What a folder holds in place of photographs, as a part of a line."""
+    """Description of a folder without photographs, as part of an error."""
     if unread := unread_images(root):
         return f"{unread_line(unread)}; "
     for path in entries(root):
@@ -251,7 +251,7 @@ def _what_there_is(root: Path) -> str:
 
 
 def _what_else(path: Path) -> str:
-    """What a file is that is no capture, and what would mend it."""
+    """Description and remedy of a file that is no capture."""
     suffix = path.suffix.lower()
     if suffix in _VIDEOS:
         return (

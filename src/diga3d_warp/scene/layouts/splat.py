@@ -56,7 +56,7 @@ def stem(splat: Path) -> str:
 
 
 def other_formats(splat: Path) -> list[Path]:
-    """Files beside a splat that are called as it is, in other formats."""
+    """Files beside a splat of the same name in other formats."""
     return [path for path in find_splats(splat.parent) if path != splat and stem(path) == stem(splat)]
 
 

@@ -16,10 +16,10 @@ _LISTS = ("train_filenames", "val_filenames", "test_filenames")
 
 @dataclass(frozen=True)
 class Split:
-    """How a capture keeps frames apart, by the names of their images.
+    """Training and test split of a capture, by image names.
 
     Attributes:
-        test: Frames that are held out; None if the capture says nothing of it.
+        test: Frames that are held out; None if the capture has no split.
         left_out: Frames that are neither for training nor for testing.
         notes: What is left out or missing, one line each.
     """

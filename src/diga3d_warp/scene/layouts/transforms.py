@@ -1,7 +1,7 @@
 """Frames of a transforms.json: files, cameras and masks, as nerfstudio, instant-ngp and Blender write them.
 
-Intrinsics may stand in each frame or once for all; a frame's own win. What a file holds and is not read is
-noted, and refused where it would bend the image: nothing is dropped in silence.
+Intrinsics may be given for each frame or once for all; those of a frame take precedence. Entries that are not
+read are noted, and refused if they describe lens distortion: nothing is ignored silently.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _READ = frozenset(
     ("frames", "file_path", "transform_matrix", "mask_path", "ply_file_path", "cx", "cy")
     + ("train_filenames", "val_filenames", "test_filenames", *_SIZE, *_FOCAL, *_LENS)
 )
-# Further lens coefficients of OpenCV, Metashape, COLMAP and Blender. One that is not zero bends the image.
+# Further lens coefficients of OpenCV, Metashape, COLMAP and Blender, refused unless zero.
 _BENDING = (
     *("k5", "k6", "p3", "p4", "s1", "s2", "s3", "s4", "b1", "b2", "sx1", "sy1", "omega", "skew"),
     *("shift_x", "shift_y", "distortion_params", "distortion", "distortion_coefficients"),
@@ -82,7 +82,7 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Transforms:
-    """What a transforms.json holds.
+    """Contents of a transforms.json.
 
     Attributes:
         frames: All frames, in the order of the file.

@@ -1,7 +1,7 @@
-"""Masks: where they lie, which image each belongs to, and whether they can be the object.
+"""Finding masks: their files, the image of each, and whether they can mark an object.
 
-A capture whose masks are of no use is still a capture: only an edit that needs them refuses it. So what is
-wrong with masks that were found is kept as a line, `Scene.mask_problem`.
+Unusable masks do not make a capture unusable: only an edit that needs masks refuses it. So the problem is
+kept as a message, `Scene.mask_problem`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _AFFIX = re.compile(
 
 @dataclass(frozen=True)
 class MaskTolerance:
-    """What masks may cover; chosen, not measured.
+    """Limits of the area that masks may cover; chosen, not measured.
 
     Attributes:
         covering: Share of the pixels from which on a mask covers everything, so that nothing is left to learn
@@ -62,7 +62,7 @@ class MaskFiles:
         files: Mask file of each image that has one, by image key.
         ground_truth: Keys of the images that show the scene without the object (SPIn-NeRF), or empty.
         notes: What was guessed, one line each.
-        problem: Why masks that are there are not used; None if nothing is wrong.
+        problem: Why the masks found are not used; None if they are usable.
         folder: Folder that was named by the user.
     """
 
@@ -94,7 +94,7 @@ def find_masks(
         named: Mask files that the calibration names, by key.
 
     Raises:
-        InputError: `given` is missing or empty, or its masks cannot be told whose they are.
+        InputError: `given` is missing or empty, or its masks cannot be assigned to images.
     """
     found = MaskFiles()
     labelled = next((f for f in image_folders.values() if image_files(f / "label")), None)
@@ -235,7 +235,7 @@ def mask_views(
     test: frozenset[str],
     progress: bool = False,
 ) -> Masked:
-    """Views with the masks that were found and tell where the object is; without any if they do not.
+    """Attach the masks that were found to their views; none if they are not usable.
 
     Args:
         views: By image key.
@@ -301,7 +301,7 @@ def _unused(problem: str | None) -> list[str]:
 
 
 def _turned_masks(views: Mapping[str, View], turns: Mapping[str, int]) -> tuple[dict[str, View], list[str]]:
-    """Views with masks turned where their sizes do not tell and their outlines do, and what to say of it."""
+    """Turn masks whose outlines, but not sizes, show their orientation; returns views and notes."""
     doubtful = {
         key: turned(mask, turn)
         for key, turn in turns.items()
@@ -324,7 +324,7 @@ def _turned_note(views: Mapping[str, View], doubtful: Sequence[str], better: boo
 
 
 def judge_masks(views: Sequence[View], source: Path) -> tuple[list[View], list[str], str | None]:
-    """Training views with the masks that tell where the object is.
+    """Drop the masks of training views that are not usable.
 
     Args:
         views: Training views of a scene that came with masks.
@@ -362,7 +362,7 @@ def judge_masks(views: Sequence[View], source: Path) -> tuple[list[View], list[s
 
 
 def _are_inverted(views: Sequence[View]) -> bool:
-    """Whether masks mark all but the object: they go around it."""
+    """Whether the masks are inverted: they surround the object."""
     masks = [view.mask for view in views if view.mask is not None and view.mask.any()]
     rims = [np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean() for mask in masks]
     covered = float(np.mean([mask.mean() for mask in masks]))

@@ -19,7 +19,7 @@ from diga3d_warp.scene.masks.labels import Labels
 
 @dataclass(frozen=True)
 class KindSettings:
-    """How kinds of masks are told apart. Chosen on masks in the forms of SPIn-NeRF, DAVIS and VOC.
+    """Thresholds for the forms of masks. Chosen on masks in the forms of SPIn-NeRF, DAVIS and VOC.
 
     Attributes:
         thick: Part of the pixels of all labels but the largest two that lie inside of them, not on their rim,

@@ -15,7 +15,7 @@ from diga3d_warp.scene.photographs.names import image_key
 
 @dataclass(frozen=True)
 class CopyCheck:
-    """When two folders hold the same photographs.
+    """Thresholds for two folders that hold the same photographs.
 
     Attributes:
         names: Share of the smaller folder's images that have a namesake in the other.
@@ -37,7 +37,7 @@ COPIES = CopyCheck()
 
 
 def are_copies(files: Sequence[Path], others: Sequence[Path], changed: bool) -> bool:
-    """Whether a group shows what the other does: it has the same names, and says so or looks the same."""
+    """Whether a group holds copies of another: the same names, and `changed` or the same content."""
     ours, theirs = ({image_key(path.name): path for path in group} for group in (files, others))
     common = sorted(ours.keys() & theirs.keys())
     if not common or len(common) < COPIES.names * min(len(ours), len(theirs)):
@@ -72,6 +72,6 @@ def _thumbnail(path: Path) -> np.ndarray | None:
 
 
 def spread(items: Sequence) -> list:
-    """A few of many, evenly."""
+    """A few items, evenly spread."""
     count = min(len(items), COPIES.samples)
     return [items[i] for i in np.linspace(0, len(items) - 1, count).round().astype(int)] if count else []

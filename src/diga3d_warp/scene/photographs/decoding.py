@@ -1,4 +1,4 @@
-"""Image files: which format they are in, the size they announce, whether they are whole, and their pixels.
+"""Decoding of image files: format, size in the header, completeness, and pixels.
 
 Nothing is decoded before the announced size is checked: a PNG of 3 MB can announce 30000 x 30000 pixels,
 which take gigabytes and half a minute to decode.
@@ -39,7 +39,7 @@ LIMITS = DecodingLimits()
 
 
 class Header(NamedTuple):
-    """What an image file announces.
+    """Size and orientation in the header of an image file.
 
     Attributes:
         width, height: Size of the pixels that `decode` gives [px].
@@ -68,7 +68,7 @@ _DECODED = re.compile(
     re.DOTALL,
 )
 _CONVERT = "convert it to .jpg or .png"
-# First bytes of files that are often met in place of an image, what they are, and what would help.
+# First bytes of files that are often found in place of an image, their format, and the remedy.
 _FOREIGN = (
     (rb"....ftyp(?:he[iv]|mif1|msf1)", "HEIC", f"{_CONVERT}, as heif-convert and ImageMagick do"),
     (rb"\x76\x2f\x31\x01", "OpenEXR", f"{_CONVERT} with sRGB colours, as oiiotool and ImageMagick do"),

@@ -31,7 +31,7 @@ _DEPTH = 2
 
 @dataclass(frozen=True)
 class Found:
-    """Files that names mean.
+    """Files found for the names of a calibration.
 
     Attributes:
         files: File of each name that has one.
@@ -43,16 +43,16 @@ class Found:
 
 
 def find_images(names: Sequence[str], folder: Path, files: Sequence[Path]) -> Found:
-    """The files that a calibration's names mean, each file for one name at most.
+    """Find the files of the images that a calibration names; each file is used for one name at most.
 
-    A name that is a file's own is that file, whatever lies beside it. For names that no file bears, in this
-    order: accents composed or apart and other code pages; upper and lower case; another ending, or none; the
-    file name without its folders, where only one file has it and not among masks. The latter two are noted.
+    An exact name takes precedence. Names without an exact match are matched in this order: other forms of
+    accents and other code pages; upper and lower case; another ending, or none; the file name without its
+    folders, if it is unique and not among masks. The latter two are noted.
 
     Args:
         names: Paths below `folder`, with forward slashes, with or without an ending. Bytes that are not
             UTF-8 as `surrogateescape` keeps them.
-        folder: Where the files lie.
+        folder: Folder of the files.
         files: Image files below it.
     """
     relative = {path.relative_to(folder).as_posix(): path for path in files}
@@ -78,7 +78,7 @@ def find_images(names: Sequence[str], folder: Path, files: Sequence[Path]) -> Fo
 
     for spelled in (plain, lambda name: plain(name).casefold()):
         found |= {name: relative[some[0]] for name, some in match(spelled).items() if len(some) == 1}
-    # Where images of an ending are there, none was converted: what has the name of another is its mask.
+    # If images with an ending exist, none was converted: a file with another ending is a mask.
     kept = {suffix(name) for name in found} - {""}
     for spelled in (lambda name: image_key(plain(name)), lambda name: image_key(plain(name)).casefold()):
         alike = {name: some for name, some in match(spelled).items() if some and not _are_one(some, plain)}
@@ -128,7 +128,7 @@ def _pairs(pairs: Mapping[str, str]) -> str:
 
 
 def _ending_notes(folder: Path, chosen: Mapping[str, Sequence[str]]) -> list[str]:
-    """What to say of images that were found under another ending, or under one of several."""
+    """Notes on images that were found under another ending, or under one of several."""
     notes = []
     other = {name: some[0] for name, some in chosen.items() if image_key(name) != composed(name)}
     several = {name: some for name, some in chosen.items() if name not in other and len(some) > 1}
@@ -178,7 +178,7 @@ class NamedImages:
 
 
 def name_images(root: Path, written: Sequence[str], source: Path, *, from_root: bool = False) -> NamedImages:
-    """Where the images of a calibration lie.
+    """Find the image folders of a calibration, and the paths of its images below them.
 
     Args:
         root: Scene folder.

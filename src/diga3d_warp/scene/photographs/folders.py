@@ -21,7 +21,7 @@ def is_run(folder: Path) -> bool:
 
 
 def entries(folder: Path) -> list[Path]:
-    """What a folder holds, sorted; empty if it is no folder or cannot be listed."""
+    """Entries of a folder, sorted; empty if it is no folder or cannot be listed."""
     try:
         return sorted(folder.iterdir())
     except OSError:
@@ -107,7 +107,7 @@ def unread_images(folder: Path) -> list[Path]:
 
 
 def unread_line(images: Sequence[Path]) -> str:
-    """What images that are not read are, and what would mend it."""
+    """A note on images in formats that are not read, with the remedy."""
     kinds = sorted({UNREAD_IMAGES[path.suffix.lower()] for path in images})
     return (
         f"{len(images)} are {' and '.join(kinds)} images, which are not read "

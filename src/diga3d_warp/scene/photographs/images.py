@@ -1,7 +1,7 @@
-"""Photographs: which of several image folders to read, and pixels at the size that is wanted.
+"""Reading of photographs: choice of the image folder, decoding, alpha, and resizing.
 
-A photograph with an alpha channel is kept over one colour, with its alpha beside it. Both are linear in
-colour times alpha: averaging them over areas brings in no fringe of what the file holds where nothing shows,
+A photograph with an alpha channel is composited over one colour and stored with its alpha. Both are linear in
+premultiplied colour, so that averaging over areas brings in no fringe of the colours of transparent pixels,
 and the photograph over any other colour follows from the two.
 """
 
@@ -236,7 +236,7 @@ def read_in_parallel(
 
     Args:
         reads: Image files, and what reads them.
-        label: What a progress bar says.
+        label: Label of the progress bar.
         progress: Show it.
     """
     from tqdm import tqdm

@@ -1,4 +1,4 @@
-"""Names of images: as calibrations write them, as files bear them, and as views are called."""
+"""Image names: in calibrations, on disk, and of views."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ UNREAD_IMAGES = {
 }  # fmt: skip
 """Endings of images that are not read, with what they are called."""
 
-# Names that a line lists before it says how many more there are.
+# Most names in one message; the others are counted.
 _NAMES_LISTED = 8
 # Bytes of a file's name and letters of its path that systems take.
 _LONGEST_PART, _LONGEST_PATH = 255, 4096
@@ -62,7 +62,7 @@ def is_derived(path: str | PurePosixPath) -> bool:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names in one line that can be read."""
+    """The first names as one line for a message, with the number of the others."""
     rest = f" and {len(names) - _NAMES_LISTED} more" if len(names) > _NAMES_LISTED else ""
     return ", ".join(map(shown, names[:_NAMES_LISTED])) + rest
 
@@ -138,8 +138,8 @@ def name_bytes(name: str) -> bytes:
 def view_names(keys: Sequence[str]) -> dict[str, str]:
     """What the views of a scene are called, by key: names of files without folder and ending.
 
-    Where two have one file name, folders are joined to it with "_". Names are told apart without regard to
-    upper and lower case, as the file systems of Windows and macOS do.
+    Where two have one file name, folders are joined to it with "_". Upper and lower case are not
+    distinguished, as on the file systems of Windows and macOS.
     """
     last = Counter(key.rsplit("/", 1)[-1].casefold() for key in keys)
     names: dict[str, str] = {}

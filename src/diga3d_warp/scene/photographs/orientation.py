@@ -1,4 +1,4 @@
-"""Orientation: whether a calibration, and masks, mean photographs as stored or upright, as EXIF says.
+"""EXIF orientation: whether calibration and masks refer to photographs as stored or upright.
 
 Viewers and most editors show photographs upright. COLMAP calibrates them as stored (only between 3.7's pull
 requests 1318 and 1406 it turned them), and so does 3DGS; nerfstudio's `ns-process-data` turns what it
@@ -26,7 +26,7 @@ from diga3d_warp.scene.visible_points import visible_points
 
 @dataclass(frozen=True)
 class OrientationSettings:
-    """When evidence is clear.
+    """Thresholds for clear evidence of an orientation.
 
     Attributes:
         colors: How much smaller the mean colour difference between points and pixels must be one way than the
@@ -104,7 +104,7 @@ class Turns:
         return {key: self.orientations[key] for key, upright in self.upright.items() if upright is None}
 
     def settled(self, upright: bool) -> Turns:
-        """The same with what is in doubt decided."""
+        """The same with the doubtful ones decided."""
         return replace(self, upright={key: upright if u is None else u for key, u in self.upright.items()})
 
     def masks(self, keys: Iterable[str]) -> dict[str, int]:
@@ -160,11 +160,11 @@ def more_points(stored: int, upright: int) -> bool | None:
 
 
 def turn_notes(turns: Turns, better: bool | None) -> list[str]:
-    """What to say of photographs that are turned, or may have to be.
+    """Notes on photographs that are turned, or may have to be.
 
     Args:
         turns: As they follow from sizes.
-        better: Whether those in doubt fit upright; None if nothing tells.
+        better: Whether those in doubt fit upright; None if undecided.
     """
     notes = []
     by_size = [key for key, upright in turns.upright.items() if upright]

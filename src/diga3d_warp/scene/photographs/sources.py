@@ -1,4 +1,4 @@
-"""Sources: the file that each calibrated photograph is read from, and how far it is then made smaller."""
+"""Sources: the file of each calibrated photograph, and the scale by which it is resized."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _PAIRS_COMPARED = 5
 
 @dataclass(frozen=True)
 class Source:
-    """Where a photograph comes from.
+    """File and scale of a photograph.
 
     Attributes:
         file: The file.
-        scale: What is left to do by resizing, in (0, 1].
+        scale: Scale by which the file is resized, in (0, 1].
         key: Its path below its image folder, without ending: masks are named like it.
     """
 
@@ -33,7 +33,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Sources:
-    """Where photographs come from.
+    """Sources of all photographs of a capture.
 
     Attributes:
         found: By the names of the calibration; names without a file are absent.
@@ -110,7 +110,7 @@ def _by_order(
 
 
 def _same_pictures(originals: Sequence[Path], files: Sequence[Path]) -> bool:
-    """Whether images show the same in the same order: each is liker its own than its neighbours."""
+    """Whether two lists show the same in the same order: each image is most similar to its counterpart."""
     last = len(files) - 1
     for index in {round(step * last / (_PAIRS_COMPARED - 1)) for step in range(_PAIRS_COMPARED)}:
         near = range(max(index - 1, 0), min(index + 1, last) + 1)

@@ -77,7 +77,7 @@ def _one_each(files: Sequence[Path]) -> tuple[list[Path], list[Path]]:
 
 
 def _kept(groups: Mapping[str, Sequence[Path]]) -> tuple[list[str], list[tuple[str, str]]]:
-    """The groups of images that are photographs; the others, each with what it is."""
+    """The groups of images that are photographs; and the others, each with the reason."""
     dropped: list[tuple[str, str]] = []
     left = []
     for group in groups:
