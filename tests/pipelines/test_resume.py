@@ -62,9 +62,9 @@ remove_object(load_scene(Path(room)), Run(Path(folder), "remove", {"seed": 0}, r
 # before it died in, so that calls count from there.
 DEATHS = {
     "fit": ("diga3d_warp.gaussians.fit", "_Fit._record", 120),
-    "lift": ("diga3d_warp.pipelines.stages", "write_image", 3),
-    "clear": ("diga3d_warp.pipelines.stages", "write_array", 2),
-    "look-behind": ("diga3d_warp.pipelines.stages", "write_array", 4),
+    "lift": ("diga3d_warp.pipelines.clearing", "write_image", 3),
+    "clear": ("diga3d_warp.pipelines.clearing", "write_array", 2),
+    "look-behind": ("diga3d_warp.pipelines.clearing", "write_array", 4),
     "references": ("diga3d_warp.pipelines.stages", "select_references", 1),
     "fill": ("diga3d_warp.pipelines.coarse", "write_arrays", 2),
     "propagate": ("diga3d_warp.pipelines.coarse", "write_arrays", 9),

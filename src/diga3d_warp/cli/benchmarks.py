@@ -37,7 +37,7 @@ def add_benchmarks(commands: Commands) -> None:
         benchmarks,
         "effects",
         _effects,
-        "what each effect costs on, and that it costs nothing off",
+        "cost of each effect, on and off",
         "Measure what each effect adds to a training step, and compare the kernels' sources.",
     )
     _add_count(effects, "--repeats", 25, REPEATS)
@@ -45,8 +45,8 @@ def add_benchmarks(commands: Commands) -> None:
         benchmarks,
         "accuracy",
         _accuracy,
-        "what each knob of accuracy costs in error and in time",
-        "Measure error and time of every knob of accuracy, on easy and on hard scenes.",
+        "error and time of each accuracy setting",
+        "Measure error and time of every accuracy setting, on easy and on hard scenes.",
     )
     _add_count(accuracy, "--repeats", 5, REPEATS)
     accuracy.add_argument(
@@ -55,16 +55,16 @@ def add_benchmarks(commands: Commands) -> None:
     accuracy.add_argument(
         "--pipeline",
         action="store_true",
-        help="what references, iterations and diffusion steps of a removal cost instead",
+        help="quality and time of a removal by references, iterations and diffusion steps instead",
     )
     ablation = _add(
         benchmarks,
         "ablation",
         _ablation,
-        "what each part of the method brings to a removal",
-        "Remove an object from a synthetic room without one part of the method after another.",
+        "effect of each part of the method on a removal",
+        "Remove an object from a synthetic room, leaving out one part of the method at a time.",
     )
-    _add_count(ablation, "--seeds", 3, "edits of each variant, each from a seed of its own")
+    _add_count(ablation, "--seeds", 3, "edits of each variant, each with another seed")
 
 
 REPEATS = "times each measurement is repeated"
@@ -87,7 +87,7 @@ def _add(
 
 
 def _in_checkout(run: Callable[..., int]) -> Callable[..., int]:
-    """`run`, or one line where the benchmarks are not installed: they are not in the wheel."""
+    """`run`, or a one-line error where benchmarks are not installed: they are not part of the wheel."""
 
     def checked(**options: Any) -> int:
         if find_spec("diga3d_warp.bench") is None:

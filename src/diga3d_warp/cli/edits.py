@@ -94,7 +94,7 @@ def _replace(**options: Any) -> int:
 
 
 def _show(result: RunResult) -> int:
-    """End with what a user opens next."""
+    """Print the path that a user opens next."""
     from diga3d_warp.evaluation.record import REPORT, RESULT
 
     print(result.run.folder / RESULT)

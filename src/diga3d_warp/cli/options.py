@@ -26,7 +26,7 @@ def add_run_options(command: argparse.ArgumentParser) -> None:
         type=whole_numbers,
         default=(),
         metavar="N,N",
-        help="the objects that are meant, where masks hold the numbers of several (default: all)",
+        help="numbers of the objects to edit, where masks hold several (default: all)",
     )
     command.add_argument(
         "--image-scale",
@@ -53,7 +53,7 @@ def add_run_options(command: argparse.ArgumentParser) -> None:
         type=effects,
         default={},
         metavar="LIST",
-        help="force effects, such as sh_degree=1,exposure=off (default: what the capture calls for)",
+        help="force effects, such as sh_degree=1,exposure=off (default: chosen from the capture)",
     )
     add_accuracy(command, "accuracy of the fitted renderings")
     command.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default 0)")
@@ -70,7 +70,7 @@ def add_accuracy(command: argparse.ArgumentParser, of_what: str) -> None:
 
 
 def add_marks(command: argparse.ArgumentParser) -> None:
-    """What says where the object is, in place of --masks."""
+    """Marks of the object in place of --masks."""
     command.add_argument(
         "--mask-box",
         dest="mask_boxes",
@@ -83,13 +83,13 @@ def add_marks(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--mask-prompt",
         metavar="TEXT",
-        help="what the object is called, in place of masks: found by GroundingDINO and SAM",
+        help="name of the object, in place of masks: found by GroundingDINO and SAM",
     )
     command.add_argument(
         "--mask-models",
         type=path,
         metavar="DIR",
-        help="folder with their weights in detector and cutter (default: the Hugging Face cache)",
+        help="folder with the weights of both in detector and cutter (default: the Hugging Face cache)",
     )
 
 
@@ -103,21 +103,21 @@ def add_exemplar(command: argparse._ActionsContainer, in_place_of: str) -> None:
 
 
 def add_prior(command: argparse.ArgumentParser) -> None:
-    """What invents, and how: the attributes of `pipelines.method.Choices`."""
+    """Prior and method: the attributes of `pipelines.method.Choices`."""
     command.add_argument(
         "--prior",
         default="exemplar",
         metavar="PRIOR",
-        help="what fills in what no photograph shows: exemplar, classical, lama, sd-inpainting, powerpaint, "
-        "an .onnx file of LaMa, or a folder in diffusers format (default exemplar)",
+        help="prior that inpaints what no photograph shows: exemplar, classical, lama, sd-inpainting, "
+        "powerpaint, an .onnx file of LaMa, or a folder in diffusers format (default exemplar)",
     )
     command.add_argument("--negative", default="", metavar="TEXT", help="negative prompt (default none)")
     add_reference_options(command)
     command.add_argument(
         "--propagation",
         choices=["attention", "warp", "none"],
-        help="how the references spread to the other views: by attention (AFP), by warping with depth, or "
-        "not at all (default: attention with a Stable Diffusion prior, else warp)",
+        help="propagation of the references to the other views: by attention (AFP), depth warping, or none "
+        "(default: attention with a Stable Diffusion prior, else warp)",
     )
     command.add_argument(
         "--tg-sds",

@@ -1,4 +1,4 @@
-"""Commands that look at a finished run: render, eval and export."""
+"""Commands that read a finished run: render, eval and export."""
 
 from __future__ import annotations
 

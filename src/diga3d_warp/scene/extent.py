@@ -14,9 +14,9 @@ class ExtentSettings:
     Attributes:
         quantile: Quantile of the cameras' distances from the median centre taken as typical. Half of them may
             be close together, and up to a quarter may be registered wrongly.
-        outlier: A camera further away than this many typical distances is an outlier [ratio]. In real captures
-            the furthest one reaches 1.2 to 2; one that was registered wrongly lies hundreds away, and the
-            largest distance of all, which 3DGS takes, would be its.
+        outlier: A camera further away than this many typical distances is an outlier [ratio]. In real
+            captures the furthest one reaches 1.2 to 2; one that was registered wrongly lies hundreds away,
+            and would determine the largest distance, which 3DGS takes.
         margin: The extent is the largest distance that counts times this [ratio], as in 3DGS
             (`getNerfppNorm`).
         depth_part: Least extent [median distances of points]. Cameras on one tripod have no extent of their
