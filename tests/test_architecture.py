@@ -26,14 +26,14 @@ RANKS = (
     {"doctor", "bench"},
     {"cli"},
 )
-"""Rooms from the ground up: a room imports itself and rooms of lower ranks."""
+"""Packages and modules from the bottom up: each imports itself and lower ranks only."""
 
-RANK = {room: rank for rank, rooms in enumerate(RANKS) for room in rooms}
+RANK = {name: rank for rank, names in enumerate(RANKS) for name in names}
 
 MODULES = sorted(path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py"))
 
 
-def room_of(module: str) -> str:
+def package_of(module: str) -> str:
     return module.split("/")[0].removesuffix(".py")
 
 
@@ -57,32 +57,32 @@ def imports_of(module: str) -> list[str]:
 
 @pytest.mark.parametrize("module", [module for module in MODULES if module != "__init__.py"])
 def test_imports_run_one_way(module):
-    """No room imports one above it or beside it."""
-    room = room_of(module)
+    """No package imports one of the same or a higher rank."""
+    package = package_of(module)
     for name in imports_of(module):
         if name.startswith("diga3d_warp."):
             other = name.split(".")[1]
-            assert other == room or RANK[other] < RANK[room], f"{module} imports {name}"
+            assert other == package or RANK[other] < RANK[package], f"{module} imports {name}"
 
 
-def test_every_room_has_a_rank():
-    assert {room_of(module) for module in MODULES} - {"__init__"} == set(RANK)
+def test_every_package_has_a_rank():
+    assert {package_of(module) for module in MODULES} - {"__init__"} == set(RANK)
 
 
-@pytest.mark.parametrize("module", [module for module in MODULES if room_of(module) == "kernels"])
+@pytest.mark.parametrize("module", [module for module in MODULES if package_of(module) == "kernels"])
 def test_kernels_do_without_torch(module):
     assert "torch" not in {name.split(".")[0] for name in imports_of(module)}
 
 
 def test_a_public_name_is_exported_once():
-    """Rooms export nothing: a name has its home module, and some the public face.
+    """Packages re-export nothing: a name is imported from its module, or from `diga3d_warp` if public.
 
-    Not so `cli`: its `main` is what the installed command calls, and no room imports it.
+    Not so `cli`: its `main` is what the installed command calls, and no package imports it.
     """
     assert len(set(diga3d_warp.__all__)) == len(diga3d_warp.__all__)
     for module in MODULES:
-        if module.endswith("/__init__.py") and room_of(module) != "cli":
-            assert not imports_of(module), f"{module} hands names on"
+        if module.endswith("/__init__.py") and package_of(module) != "cli":
+            assert not imports_of(module), f"{module} re-exports names"
 
 
 def test_nothing_points_outside_the_project():
