@@ -35,7 +35,7 @@ class Checkpoint:
 
     @property
     def command(self) -> str:
-        """What a user types to download it."""
+        """Command that downloads it."""
         patterns = " ".join(f"--include '{pattern}'" for pattern in self.include)
         return f"hf download {self.repository} {patterns}"
 

@@ -76,7 +76,7 @@ added in order, so that the gradient does not depend on the number of threads.""
 
 @dataclass(frozen=True)
 class Accuracy:
-    """What the renderer gives up for time; the presets are `DRAFT`, `STANDARD` (as 3DGS) and `EXACT`.
+    """Accuracy settings of the renderer; the presets are `DRAFT`, `STANDARD` (as 3DGS) and `EXACT`.
 
     A kernel is compiled for the values that it needs, so a knob costs nothing where it is not turned.
     `diga3d bench accuracy` measures the error and the time of each.
@@ -122,7 +122,7 @@ ACCURACIES = {"draft": Accuracy.DRAFT, "standard": Accuracy.STANDARD, "exact": A
 
 @dataclass(frozen=True)
 class Effects:
-    """What a scene calls for; an effect that is off is not in the compiled kernels.
+    """Effects to simulate; one that is off is not part of the compiled kernels.
 
     `plan_effects` chooses them from a scene and says why.
 

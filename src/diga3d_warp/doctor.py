@@ -23,7 +23,7 @@ State = Literal["ok", "warn", "fail"]
 
 @dataclass(frozen=True)
 class Needs:
-    """What a machine should offer.
+    """Requirements of the machine.
 
     Attributes:
         memory_mib: Free memory [MiB]. Removal from 29 photographs of 504 x 378 stays below 4 GB.
@@ -45,11 +45,11 @@ ROOTS, STEPS = 200_000, 200
 
 @dataclass(frozen=True)
 class Check:
-    """What one check found.
+    """Result of a check.
 
     Attributes:
         state: "ok"; "warn": works, but not well; "fail": something will not work.
-        line: What was found, and what would mend it.
+        line: Result and remedy.
     """
 
     state: State

@@ -54,9 +54,9 @@ def cannot_read(path: str | os.PathLike[str], error: OSError, remedy: str | None
     """The one line for a file or folder that the system refuses to read.
 
     Args:
-        path: What was to be read.
-        error: What the system said.
-        remedy: What would mend it; by default what the error suggests.
+        path: The file that could not be read.
+        error: Error of the system.
+        remedy: Remedy; by default derived from the error.
     """
     if remedy is None:
         denied = error.errno in (errno.EACCES, errno.EPERM)
@@ -68,9 +68,9 @@ def explained(error: OSError, writing: Callable[[Path], bool], place: Path) -> I
     """The one line for an error that came up in the middle of something.
 
     Args:
-        error: What the system said.
+        error: Error of the system.
         writing: Whether a file that the error names was to be written.
-        place: What was being written, where the error names no file.
+        place: Path that was being written, in case the error names no file.
     """
     named = (
         Path(os.fsdecode(error.filename)) if isinstance(error.filename, (str, bytes, os.PathLike)) else None
@@ -100,7 +100,7 @@ _AMOUNT = re.compile(r"allocate (\d+) bytes|allocate ([\d.]+ [KMGT]i?B)")
 
 
 def out_of_memory(error: BaseException) -> str | None:
-    """How much memory was asked for and not there, in words; None if the error is about something else."""
+    """Description of a failed allocation; None if the error is about something else."""
     if isinstance(error, InputError) or not isinstance(error, Exception):
         return None
     text = str(error)

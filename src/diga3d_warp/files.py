@@ -96,7 +96,7 @@ def write_json(path: Path, data: Any) -> None:
 
 
 def not_finite(data: Any, place: str = "") -> str | None:
-    """Where in JSON data NaN or infinity stands, such as "curve[3].loss"; None if nowhere."""
+    """Path of the first NaN or infinity in JSON data, such as "curve[3].loss"; None if there is none."""
     if isinstance(data, float):
         return None if math.isfinite(data) else place or "it"
     entries: list[tuple[str, Any]] = []
@@ -114,7 +114,7 @@ def read_json(path: Path, remedy: str) -> Any:
 
     Args:
         path: The file.
-        remedy: What would mend it if it is absent or broken, for the error line.
+        remedy: Remedy in the error if it is absent or damaged.
 
     Raises:
         InputError: the file is absent or not JSON.

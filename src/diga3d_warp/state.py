@@ -45,7 +45,7 @@ def read_state(path: Path, form: type[Form], remedy: str | None = None) -> Form:
     Args:
         path: The file.
         form: A TypedDict, or another type that `misfit` knows.
-        remedy: What would mend it, for the error line; by default `compute_again`.
+        remedy: Remedy in the error; by default `compute_again`.
 
     Raises:
         InputError: the file is absent, not JSON, or of another form.
@@ -59,7 +59,7 @@ def read_state(path: Path, form: type[Form], remedy: str | None = None) -> Form:
 
 
 def misfit(data: Any, form: Any, place: str = "") -> str | None:
-    """What in JSON data is not of a form, in words; None if all of it is.
+    """Description of the first mismatch between JSON data and a form; None if it matches.
 
     Args:
         data: As `json.loads` gives it.
@@ -208,7 +208,7 @@ def _decoded(path: Path, flags: int, remedy: str | None) -> np.ndarray:
 
 
 def compute_again(path: Path) -> str:
-    """What to do about a damaged file of a run: delete its stage, or the file itself, and resume."""
+    """Remedy for a damaged file of a run: delete its stage, or the file itself, and resume."""
     for folder in [path, *path.parents]:
         if folder.parent.name == STAGES:
             return f"delete {folder} and use --resume to compute it again"

@@ -1,1 +1,1 @@
-"""What a scene calls for: measure, decide, explain and price the effects of `config.Effects`."""
+"""Choice of the effects of `config.Effects` for a scene, with evidence and cost."""

@@ -1,4 +1,4 @@
-"""What the views say of the sparse points: colour, direction and sampling of each point in each view.
+"""Observations of the sparse points: colour, direction and sampling of each point in each view.
 
 Readers keep no tracks, and half of the layouts have none. So whether a view sees a point is judged by the
 points themselves: the image is cut into cells, and in each the second nearest point hides all that lie

@@ -26,7 +26,7 @@ class Choice:
     Attributes:
         effect: Its name, a field of `config.Effects`.
         value: On or off, or the degree of the harmonics.
-        evidence: What was measured, in words and numbers; kept where the user decides otherwise.
+        evidence: The measurement in words and numbers; kept if the user overrides the choice.
         by: Who decided: "scene", "splat" (what a given splat was fitted with), "task" (what the pipeline
             needs, whatever the scene), "default" (the scene does not tell), or "user".
         cost_ms: Processor time of a training step, image forward and backward, that the effect takes where it
@@ -60,11 +60,11 @@ COLUMNS = ("effect", "choice", "by", "evidence", "cost of a training step")
 
 @dataclass(frozen=True)
 class EffectsPlan:
-    """What is simulated, and why.
+    """Effects to simulate, with the evidence for each.
 
     Attributes:
         choices: One for each effect, in the order of `config.Effects`.
-        notes: What the evidence could not tell, one line each.
+        notes: Limits of the evidence, one line each.
     """
 
     choices: tuple[Choice, ...]
@@ -72,7 +72,7 @@ class EffectsPlan:
 
     @property
     def effects(self) -> Effects:
-        """What `render` and `fit` take."""
+        """The chosen effects, for `render` and `fit`."""
         return Effects(**{choice.effect: choice.value for choice in self.choices})  # type: ignore[arg-type]
 
     def table(self) -> Table:

@@ -1,4 +1,4 @@
-"""What an effect costs: a training step with it and without it, timed on this machine's processor."""
+"""Cost of an effect: a training step with it and without it, timed on this machine's processor."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def training_step(gaussians: Gaussians, camera: Camera, effects: Effects) -> Cal
 
     Args:
         gaussians: Rendered; not changed. Coefficients of harmonics that the effects leave out are not held.
-        camera: Of the image.
+        camera: Camera of the image.
         effects: What is simulated; exposure as a transform that has a gradient itself.
     """
     kept = gaussians.sh[:, : coefficient_count(effects.sh_degree)]
@@ -97,8 +97,8 @@ def priced(plan: EffectsPlan, gaussians: Gaussians, camera: Camera) -> EffectsPl
     """The plan with the cost of each effect that can be switched, against the plan as it is.
 
     Args:
-        plan: Of the scene.
-        gaussians: What will be rendered or, before a fit, its start.
+        plan: Effects plan of the scene.
+        gaussians: Gaussians to render or, before a fit, its initialisation.
         camera: One of the scene's.
     """
     scale = min(1.0, LONGEST_SIDE / max(camera.width, camera.height))

@@ -27,7 +27,7 @@ from diga3d_warp.scene.photographs.images import BACKGROUND
 
 @dataclass(frozen=True)
 class ExposureSettings:
-    """How transforms are found.
+    """Settings of the exposure fit.
 
     Attributes:
         begin: Part of the iterations before the first update: a rendering must resemble its image.
@@ -114,7 +114,7 @@ def exposure_corrected(
 
     Args:
         pixels: RGB, shape (H, W, 3), uint8.
-        transform: Of this photograph, shape (3, 4).
+        transform: Colour transform of this photograph, shape (3, 4).
         alpha: Its opacity, shape (H, W), uint8: the background behind it has no exposure, and stays.
     """
     transform = transform.double()

@@ -30,7 +30,7 @@ from diga3d_warp.splatting.render import Rendering, render
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How long and towards what gaussians are fitted.
+    """Iterations, loss weights, learning rates and density control of a fit.
 
     Attributes:
         iterations: Steps of Adam, one image each.
@@ -47,7 +47,7 @@ class FitSettings:
         rates: Learning rates.
         density: Density control.
         checkpoint_seconds: Time between two checkpoints [s].
-        accuracy: Of the renderings that are compared with the targets.
+        accuracy: Accuracy of the renderings.
     """
 
     iterations: int = 3000
@@ -66,7 +66,7 @@ class FitSettings:
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """Fitted gaussians and how the fit went.
+    """Fitted gaussians and the course of the fit.
 
     Attributes:
         gaussians: Without gradient.
@@ -89,7 +89,7 @@ REMEDIES = {
     "gradient of the guide": _PRIOR,
     "gradient": "numbers leave the range of float32; check cameras and images for absurd values",
 }
-"""What a user can do about each term of a fit that is not finite."""
+"""Remedy for each term of a fit that is not finite."""
 
 CURVE_INTERVAL = 25
 """Iterations between two points of the curve, each the mean over them."""
@@ -114,14 +114,14 @@ def fit(
     The same arguments give the same bytes, also when the fit was interrupted and resumed.
 
     Args:
-        gaussians: Where to start; not changed. Means in float64 are fitted relative to their middle.
+        gaussians: Initialisation; not changed. Means in float64 are fitted relative to their middle.
         targets: At least one.
         extent: Unit of position rates, `Scene.extent` [scene units].
-        settings: How long and towards what.
-        effects: What is simulated. `sh_degree` bounds the harmonics; with `exposure` each target has its own
-            colour transform; with `background` a target that has alpha is compared over another random colour
-            at each step; `depth` is blended where the loss needs it, whatever its value here.
-        seed: Of the order of images and of density control.
+        settings: Iterations, losses, learning rates and density control.
+        effects: Effects to simulate. `sh_degree` bounds the harmonics; with `exposure` each target has its
+            own colour transform; with `background` a target that has alpha is compared over another random
+            colour at each step; depth is blended if the loss needs it, whatever `depth` is.
+        seed: Seed of the order of images and of density control.
         held: Gaussians that keep their values, shape (N,), bool. Those added later are free.
         checkpoint: File to go on from if it exists, and to save to.
         note: Receives a message if the checkpoint is unusable; the fit then starts again.
@@ -285,16 +285,16 @@ class _Fit:
                 )
 
     def _note(self, pull: torch.Tensor, visible: torch.Tensor) -> None:
-        """Add up how hard this image pulls on the centres of the gaussians that it shows."""
+        """Accumulate the gradient norms of the projected centres of the visible gaussians."""
         self.pull += pull
         self.shown += visible
         self.last_shown[visible] = self.iteration
 
     def _unseen(self) -> torch.Tensor:
-        """Which gaussians no image has shown, though every one had its turn since, shape (N,), bool.
+        """Gaussians that were visible in none of the images since each was last used, shape (N,), bool.
 
-        Adam passes over what an image does not show, so that neither images nor regularisers would ever
-        reach them. Images come in rounds of random order: within two rounds' steps each comes once at least.
+        Adam skips gaussians that an image does not show, so neither images nor regularisers would update
+        them. Images come in rounds of random order: within two rounds' steps each comes once at least.
         """
         return self.iteration - self.last_shown >= 2 * len(self.targets)
 

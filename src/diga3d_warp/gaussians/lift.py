@@ -45,7 +45,7 @@ class LiftSettings:
 
 @dataclass(frozen=True, eq=False)
 class Votes:
-    """What all views say of each gaussian.
+    """Blending weights of each gaussian, summed over all views.
 
     Attributes:
         masked: Blending weight inside masks, summed over views [pixels], shape (N,).

@@ -17,7 +17,7 @@ random numbers, whose state is in the checkpoint."""
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What the gaussians should look like from one camera.
+    """Image and depth of one camera that the gaussians are fitted to.
 
     Attributes:
         camera: Camera at the size of the image.
@@ -28,8 +28,8 @@ class Target:
         relative_depth: `depth` is right up to scale and shift only, as from a monocular estimator; it is
             aligned to the rendering at every step.
         guide: Further loss on the rendering, such as score distillation; None for none.
-        alpha: Opacity of the image, shape (H, W), uint8. None: the image is compared as it is, over whatever
-            `render` puts behind gaussians by default.
+        alpha: Opacity of the image, shape (H, W), uint8. None: the image is compared as it is, over the
+            default background of `render`.
     """
 
     camera: Camera

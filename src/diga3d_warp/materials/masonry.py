@@ -1,4 +1,4 @@
-"""What walls and floors are made of: bricks, concrete, plaster, tiles, mosaic, terracotta, cobbles."""
+"""Materials of walls and floors: bricks, concrete, plaster, tiles, mosaic, terracotta, cobbles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What procedural materials are painted with: seamless noise, cells, grids, and mixing of colours.
+"""Building blocks of procedural materials: seamless noise, cells, grids, and mixing of colours.
 
 Every texture is square and repeats in both directions; u runs along its columns, v along its rows. Colours
 are display values in [0, 1].
@@ -19,7 +19,7 @@ def noise(rng: Generator, side: int, slope: float = 1.5, along: tuple[float, flo
     """Seamless fractal noise of mean 0 and deviation 1, shape (side, side).
 
     Args:
-        rng: Where the randomness comes from.
+        rng: Random generator.
         side: Edge [texels].
         slope: Amplitude falls as frequency ** -slope: 1 is rough, 2 is cloudy.
         along: Stretch of the features along u and v.
@@ -37,7 +37,7 @@ def band(rng: Generator, side: int, cycles: float, along: tuple[float, float] = 
     """Seamless noise of one size only, mean 0 and deviation 1, shape (side, side).
 
     Args:
-        rng: Where the randomness comes from.
+        rng: Random generator.
         side: Edge [texels].
         cycles: Features per repeat: the noise keeps frequencies around this one.
         along: Stretch of the features along u and v.

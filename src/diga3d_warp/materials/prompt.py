@@ -1,4 +1,4 @@
-"""What a prompt says: a material, its colour, a thing; and which of its words say nothing here.
+"""Parsing of prompts: material, colour and solid, and words that are not understood.
 
 There is no language model behind it, only words. So a prompt that denies something is refused, and words that
 are not followed are returned, to be shown to the user.
@@ -96,7 +96,7 @@ class Word:
 
 @dataclass(frozen=True)
 class Reading:
-    """What a prompt says.
+    """A parsed prompt.
 
     Attributes:
         material: With its colour; None if it names none.

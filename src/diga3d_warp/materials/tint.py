@@ -66,7 +66,7 @@ _TO_LAB = np.array(
 
 @dataclass(frozen=True)
 class Tint:
-    """What a prompt says of a material's colour.
+    """The colour that a prompt gives to a material.
 
     Attributes:
         color: A name of `COLORS`; None for the material's own.

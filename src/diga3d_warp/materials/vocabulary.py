@@ -25,7 +25,7 @@ class Material:
         also: Other words for it.
         polish: How much of its look is a mirror image, from 0 for none to 1 [1]: see `objects.sheen`.
         tint: The colour that a prompt asks for; None for its own.
-        notes: What a user should know of how the prompt or picture was read, one line each.
+        notes: Assumptions made in reading the prompt or picture, one line each.
     """
 
     name: str

@@ -36,7 +36,7 @@ class MeshAsset:
         faces: Corner indices, shape (F, 3), int32, counter-clockwise from outside.
         normals: Outer unit normals at the corners of each face, shape (F, 3, 3).
         painter: Its colours without light.
-        notes: What a user should know of the reading, one line each.
+        notes: Assumptions and omissions of the reader, one line each.
     """
 
     vertices: np.ndarray
@@ -58,7 +58,7 @@ class SplatAsset:
     Attributes:
         gaussians: In the asset's axes.
         hull: Corners and faces of the convex hull of their middles, (V, 3) and (F, 3): casts the shadow.
-        notes: What a user should know of the reading, one line each.
+        notes: Assumptions and omissions of the reader, one line each.
     """
 
     gaussians: Gaussians

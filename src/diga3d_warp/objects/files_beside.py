@@ -15,7 +15,7 @@ PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".tga", ".bmp", ".tif", ".tiff", "
 
 
 class FilesBeside:
-    """What trimesh asks for while it reads a mesh.
+    """Resolver of the files that a mesh refers to, for trimesh.
 
     Names often come from another machine: with its folders, backslashes, options, or in other upper and lower
     case. trimesh passes over what it does not get, so what is missing is noted here.

@@ -299,7 +299,7 @@ def check_texture(data: bytes, name: str) -> None:
 
     Args:
         data: All of the image file.
-        name: What to call it.
+        name: Name in errors and notes.
 
     Raises:
         InputError: it is no image, damaged, or larger than any texture should be.

@@ -34,7 +34,7 @@ FaceColors = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class MeshColors:
-    """What a mesh shows.
+    """Colours of a mesh.
 
     Attributes:
         at: Its colours.

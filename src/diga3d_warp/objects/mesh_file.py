@@ -44,11 +44,11 @@ class MeshPart:
 
 @dataclass(frozen=True, eq=False)
 class MeshFile:
-    """What a file holds.
+    """Contents of a mesh file.
 
     Attributes:
         parts: Its meshes, each as often as it is placed; may be empty.
-        notes: What is left out or guessed, one line each.
+        notes: Omissions and assumptions of the reader, one line each.
     """
 
     parts: list[MeshPart]

@@ -34,8 +34,8 @@ class PlacementSettings:
         gaussians: Most gaussians on its surface.
         width: Deviation of a gaussian along the surface [distance to its neighbours]: closes the gaps.
         thickness: Deviation across the surface [of that along it].
-        opacity: Of its gaussians at first.
-        seed: Of the places and rays.
+        opacity: Initial opacity of its gaussians.
+        seed: Seed of the positions and rays.
     """
 
     supersampling: int = 2
@@ -266,7 +266,7 @@ class PlacedSplat:
         self._gaussians.sh[:, 1:] = 0.0
 
     def look(self, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What a camera sees of it alone; see `PlacedMesh.look`."""
+        """Render the asset alone; see `PlacedMesh.look`."""
         with torch.no_grad():
             seen = render(self._gaussians, camera, effects=self._effects)
         depth = np.where(seen.alpha.numpy() > 0.5, seen.depth.numpy(), 0.0)

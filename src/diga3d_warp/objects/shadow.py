@@ -43,7 +43,7 @@ class ShadowSettings:
 
 
 class Shadow:
-    """How much light reaches the support around an object, as a map over it."""
+    """Share of the light that reaches the support around an object, as a map over it."""
 
     def __init__(
         self, vertices: np.ndarray, faces: np.ndarray, frame: Frame, scale: float, light: Light,
@@ -52,10 +52,10 @@ class Shadow:
         """Cast the shadow of a mesh.
 
         Args:
-            vertices, faces: What casts it, in the asset's axes.
+            vertices, faces: Mesh that casts the shadow, in the asset's axes.
             frame: The asset's place.
             scale: Its size [scene units].
-            light: What falls on it.
+            light: Incident light.
             settings: Resolution of the map, and the lamp.
         """
         self.settings = s = settings or ShadowSettings()

@@ -16,7 +16,7 @@ from diga3d_warp.materials.painting import GAMMA
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a metal mirrors, as a factor on its own linear colour.
+    """Reflected surroundings of a metal, as a factor on its own linear colour.
 
     Attributes:
         elevations: At which the surroundings are given, from straight down to straight up [degrees].
@@ -41,9 +41,9 @@ def polished(colors: np.ndarray, normals: np.ndarray, polish: float) -> np.ndarr
     """Colours of a surface that mirrors its surroundings.
 
     Args:
-        colors: Of the metal, display RGB in [0, 1], shape (P, 3).
+        colors: Colours of the metal, display RGB in [0, 1], shape (P, 3).
         normals: Unit length, in the object's frame, z upwards, shape (P, 3).
-        polish: How much of the look is mirrored, from 0 for none to 1 [1].
+        polish: Share of the mirror reflection, in [0, 1].
 
     Returns:
         Display RGB in [0, 1], shape (P, 3), still without the light on the object.

@@ -88,7 +88,7 @@ def solid_of(prompt: str, seed: int, exemplar: Path | None = None) -> MeshAsset:
 
     Args:
         prompt: Such as "a wooden cube".
-        seed: Of the material's texture.
+        seed: Seed of the material's texture.
         exemplar: A picture of the material, in place of the one that the prompt names.
 
     Raises:

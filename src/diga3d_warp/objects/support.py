@@ -15,18 +15,18 @@ from diga3d_warp.scene.camera import Camera
 
 @dataclass(frozen=True)
 class SupportSettings:
-    """How the plane under an object is found (RANSAC, Fischler and Bolles 1981).
+    """Thresholds of the plane fit under an object (RANSAC, Fischler and Bolles 1981).
 
     Attributes:
         opacity: Least opacity of gaussians that are surface.
-        reach: How far from the object's axis the plane is looked for [object sizes].
-        depth, rise: How far below and above its base [object sizes].
+        reach: Distance from the object's axis within which the plane is searched [object sizes].
+        depth, rise: Search range below and above its base [object sizes].
         tolerance: Distance from a plane that counts as on it [object sizes].
         tilt: Least cosine between plane and vertical: 20 degrees.
         trials: Number of random planes. With half of the points on the floor, it is missed with probability
             1e-9.
         least: Least points of a plane; with fewer there is no visible support.
-        seed: Of the trials.
+        seed: Seed of the trials.
     """
 
     opacity: float = 0.3
@@ -42,7 +42,7 @@ class SupportSettings:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where an object goes.
+    """Placement of an object.
 
     Attributes:
         frame: On the support surface, z at right angles to it; its extent is the room that there is.

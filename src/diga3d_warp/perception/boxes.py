@@ -41,7 +41,7 @@ class Box:
 
 @dataclass(frozen=True)
 class CutSettings:
-    """How GrabCut is run.
+    """Settings of GrabCut.
 
     Attributes:
         rounds: Rounds of colour models and graph cut. OpenCV's samples use 5; later ones change little.
@@ -200,9 +200,9 @@ def cut_along(pixels: np.ndarray, surely: np.ndarray, likely: np.ndarray, reach:
 
     Args:
         pixels: RGB, shape (H, W, 3), uint8.
-        surely: Where the object is, shape (H, W), bool.
-        likely: Where it may be, shape (H, W), bool; holds `surely`.
-        reach: How far beyond `likely` it can be [px].
+        surely: Certain foreground, shape (H, W), bool.
+        likely: Possible foreground, shape (H, W), bool; includes `surely`.
+        reach: Distance beyond `likely` up to which pixels may be foreground [px].
 
     Returns:
         The mask; `likely` itself where there is too little of it to compare colours.

@@ -32,7 +32,7 @@ STD = (0.229, 0.224, 0.225)
 
 @dataclass(frozen=True)
 class SegmentationSettings:
-    """What counts as found.
+    """Thresholds of a detection.
 
     Attributes:
         score_min: Least score of a box [1]. GroundingDINO's demo: 0.35; Lang SAM: 0.3.
@@ -47,7 +47,7 @@ class SegmentationSettings:
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """What a detector found.
+    """Detections of an image.
 
     Attributes:
         corners: x0, y0, x1, y1, shape (N, 4) [px].
@@ -91,7 +91,7 @@ class TextSegmenter:
         detector: `transformers.GroundingDinoForObjectDetection`.
         tokenizer: Of the detector's text model.
         cutter: `transformers.SamModel`.
-        settings: What counts as found.
+        settings: Thresholds of a detection.
     """
 
     def __init__(
@@ -126,11 +126,11 @@ class TextSegmenter:
 
     @torch.no_grad()
     def boxes(self, image: torch.Tensor, prompt: str) -> Boxes:
-        """Where the words are seen.
+        """Detect the objects of a prompt.
 
         Args:
             image: RGB in [0, 1], shape (H, W, 3).
-            prompt: What to find; several things are separated by full stops.
+            prompt: Names of objects; several are separated by full stops.
 
         Raises:
             InputError: the prompt is empty or too long.
@@ -162,7 +162,7 @@ class TextSegmenter:
 
     @torch.no_grad()
     def cut_out(self, image: torch.Tensor, corners: torch.Tensor) -> torch.Tensor:
-        """What stands in boxes.
+        """Segment the objects in boxes.
 
         Args:
             image: RGB in [0, 1], shape (H, W, 3).
@@ -188,7 +188,7 @@ class TextSegmenter:
         return (F.interpolate(logits, (height, width), mode="bilinear") > 0.0).any(1).any(0).cpu()
 
     def mask(self, image: torch.Tensor, prompt: str) -> torch.Tensor:
-        """What the words name, shape (H, W), bool, on the host; empty where nothing was found.
+        """Mask of the objects of a prompt, shape (H, W), bool, on the host; empty without a detection.
 
         Raises:
             InputError: the prompt is empty or too long.

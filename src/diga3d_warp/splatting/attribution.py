@@ -1,4 +1,4 @@
-"""Which gaussians make a pixel, and how much of an image each gaussian makes. Nothing here has a gradient."""
+"""Blending weights of gaussians, by pixel and by image. Nothing here has a gradient."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from diga3d_warp.splatting.project import Projection
 
 
 class Shares(NamedTuple):
-    """What each gaussian takes of an image.
+    """Share of each gaussian in an image.
 
     Attributes:
         weights: Sum of its blending weights [pixels at full opacity], shape (N,).

@@ -23,7 +23,7 @@ class Composite(NamedTuple):
     Attributes:
         color: Sum of colours by weight, shape (H, W, 3).
         depth_sum: Sum of depths by weight [scene units], shape (H, W); zeros if not asked for.
-        transmittance: What is left of the light behind all gaussians, in [0, 1], shape (H, W).
+        transmittance: Transmittance behind all gaussians, in [0, 1], shape (H, W).
         normal_sum: Sum of normals by weight, shape (H, W, 3); None if not asked for.
         median_depth: Depth of the gaussian at which transmittance falls below a half [scene units], 0 where
             it never does, shape (H, W); None if not asked for.

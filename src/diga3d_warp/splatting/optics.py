@@ -1,4 +1,4 @@
-"""What kernels need to know of a camera, computed once per set of intrinsics."""
+"""Camera parameters of the kernels, computed once per set of intrinsics."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Rendering(NamedTuple):
-    """What a camera sees.
+    """A rendered view.
 
     Attributes:
         color: RGB over the background, shape (H, W, 3). Can exceed 1 where colours do.
@@ -60,8 +60,8 @@ def render(
     Args:
         gaussians: N gaussians, on CPU or CUDA.
         camera: Pinhole or with lens distortion, which is applied inside the projection.
-        effects: What to simulate; what is off costs nothing. Without depth, `depth` is zero.
-        accuracy: What to give up for time. Images have the gaussians' type, whatever the kernels' precision.
+        effects: Effects to simulate; those that are off cost nothing. Without depth, `depth` is zero.
+        accuracy: Accuracy settings. Images have the gaussians' type, whatever the kernels' precision.
         background: RGB behind all gaussians, three numbers or a tensor of shape (3,); not read where the
             effect is off.
 

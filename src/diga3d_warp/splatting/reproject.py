@@ -21,7 +21,7 @@ from diga3d_warp.splatting.optics import optics_of
 
 
 class Warp(NamedTuple):
-    """What the target camera sees of the source image.
+    """The source image warped to the target camera.
 
     Attributes:
         image: RGB, shape (h, w, 3); 0 where nothing is visible.
