@@ -37,11 +37,11 @@ class Cutout:
 
         Where nothing shows the files hold black, as renderers leave it.
         """
-        textures = Textures(self.seed)
         top = panel((-0.6, -0.45, RUG_TOP), (1.2, 0, 0), (0, 0.9, 0), "rug", cell=0.04, whole=True)
         block = box((-0.6, -0.45, -0.3), (0.6, 0.45, RUG_TOP - 0.001), "oak", cell=0.1)
         stand, thing = joined([top, block]), vase()
         whole = joined([stand, thing])
+        textures = Textures(self.seed, whole.palette)
         light = corner_light(whole, textures.corner_albedo(whole), self.seed)
         bodies = [Body(stand, textures), Body(thing, textures)]
         lights = [

@@ -13,7 +13,7 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.scene.synthetic import room
 from diga3d_warp.scene.synthetic.arc import arc_cameras
 from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
-from diga3d_warp.scene.synthetic.materials import MATERIALS, texture
+from diga3d_warp.scene.synthetic.materials import MATERIALS
 from diga3d_warp.scene.synthetic.room import golden_ball, vase
 from diga3d_warp.scene.synthetic.solids import box, revolved
 
@@ -191,7 +191,7 @@ def test_same_seed_same_bytes(capture, tmp_path):
 def test_another_seed_is_another_room():
     first, second = (room.furnished_room(seed) for seed in (0, 1))
     assert len(first.tints) != len(second.tints) or (first.tints != second.tints).any()
-    assert (texture("planks", 0) != texture("planks", 1)).mean() > 0.9
+    assert (MATERIALS["planks"].texture(0) != MATERIALS["planks"].texture(1)).mean() > 0.9
     poses = [np.stack([c.pose for c in arc_cameras(96, 72, 3, seed).values()]) for seed in (0, 1)]
     assert 0 < np.abs(poses[0] - poses[1]).max() < 0.3
 
@@ -216,7 +216,7 @@ def test_solids_are_closed_and_face_outwards():
 
 @pytest.mark.parametrize("name", MATERIALS)
 def test_materials_are_seamless_and_detailed(name):
-    image = texture(name, 0)
+    image = MATERIALS[name].texture(0)
     side = MATERIALS[name].side
     assert image.shape == (side, side, 3)
     assert image.std() > 0.01

@@ -14,6 +14,7 @@ from diga3d_warp.evaluation.metrics import psnr
 from diga3d_warp.evaluation.tables import Table
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.synthetic.arc import arc_cameras
+from diga3d_warp.scene.synthetic.room import room_scenery
 from diga3d_warp.scene.synthetic.shots import set_stage, take
 from diga3d_warp.splatting.reproject import Warp, reproject
 
@@ -74,7 +75,7 @@ class Sight(NamedTuple):
 def sight() -> Sight:
     """Two views of the room."""
     cameras = list(arc_cameras(*SIZE, VIEWS, 0).values())
-    stage, random = set_stage(0, shadows=False), np.random.default_rng(0)
+    stage, random = set_stage(room_scenery(0), 0, shadows=False), np.random.default_rng(0)
     source, target = cameras[SOURCE], moved_ahead(cameras[TARGET])
     shot, other = (take(stage, camera, 2, random) for camera in (source, target))
     image, seen = (torch.from_numpy(each.image).float() / 255.0 for each in (shot, other))

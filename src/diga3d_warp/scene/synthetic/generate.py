@@ -14,6 +14,7 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.scene.colmap.reconstruction import write_colmap
 from diga3d_warp.scene.scene import Points
 from diga3d_warp.scene.synthetic.arc import arc_cameras
+from diga3d_warp.scene.synthetic.room import room_scenery
 from diga3d_warp.scene.synthetic.shots import Shot, set_stage, take
 
 
@@ -87,7 +88,7 @@ def generate(settings: SyntheticScene, folder: Path | str, progress: bool = Fals
 def _write_capture(settings: SyntheticScene, folder: Path, progress: bool) -> None:
     cameras = arc_cameras(settings.width, settings.height, settings.views, settings.seed)
     rng = np.random.default_rng([settings.seed, 3])
-    stage = set_stage(settings.seed, settings.shadows)
+    stage = set_stage(room_scenery(settings.seed), settings.seed, settings.shadows)
     points = []
     for name, camera in tqdm(cameras.items(), "rendering", unit="view", disable=not progress):
         shot = take(stage, camera, settings.supersampling, rng)

@@ -43,21 +43,24 @@ DEVICE = "cpu"
 """Where captures are made: the same seed then gives the same bytes with and without a GPU."""
 
 
-def corner_light(surface: Surface, albedo: np.ndarray, seed: int) -> np.ndarray:
+def corner_light(
+    surface: Surface, albedo: np.ndarray, seed: int, lighting: Lighting = LIGHTING
+) -> np.ndarray:
     """Light that each corner of `surface` receives, with shadows and one bounce, shape (V, 3), float32.
 
     Args:
         surface: Everything that casts shadows and sends light back.
         albedo: Linear RGB that each corner sends back, averaged over its texture, shape (V, 3).
         seed: Of the sampling noise.
+        lighting: Lamp and sky.
     """
     mesh = warp_mesh(surface)
     positions: wp.array = wp.array(_inward_positions(surface), dtype=wp.vec3, device=DEVICE)
     normals: wp.array = wp.array(surface.normals.astype(np.float32), dtype=wp.vec3, device=DEVICE)
-    center = np.array(LIGHTING.lamp_center)
+    center = np.array(lighting.lamp_center)
     axis = -center / np.linalg.norm(center)
     half_u = np.cross(axis, (0.0, 0.0, 1.0))
-    half_u *= 0.5 * LIGHTING.lamp_edge / np.linalg.norm(half_u)
+    half_u *= 0.5 * lighting.lamp_edge / np.linalg.norm(half_u)
     half_v = np.cross(axis, half_u)
     direct = lamp_light(
         mesh,
@@ -65,20 +68,20 @@ def corner_light(surface: Surface, albedo: np.ndarray, seed: int) -> np.ndarray:
         normals,
         center=wp.vec3(*center),
         half_edges=(wp.vec3(*half_u), wp.vec3(*half_v)),
-        radiance=wp.vec3(*LIGHTING.lamp_radiance),
-        strata=LIGHTING.lamp_strata,
+        radiance=wp.vec3(*lighting.lamp_radiance),
+        strata=lighting.lamp_strata,
         seed=seed,
     ).numpy()
     # Light that bounced more often is left to the sky: the surroundings send back the lamp's light and the
     # sky's, the latter as if half of it reached them.
-    sent = albedo * (direct + 0.5 * np.array(LIGHTING.sky))
+    sent = albedo * (direct + 0.5 * np.array(lighting.sky))
     ambient = gathered_light(
         mesh,
         wp.array(sent.astype(np.float32), dtype=wp.vec3, device=DEVICE),
         positions,
         normals,
-        sky=wp.vec3(*LIGHTING.sky),
-        strata=LIGHTING.gather_strata,
+        sky=wp.vec3(*lighting.sky),
+        strata=lighting.gather_strata,
         seed=seed + 1,
     ).numpy()
     return direct + ambient

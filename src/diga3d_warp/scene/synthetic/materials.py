@@ -18,30 +18,25 @@ from diga3d_warp.materials.painting import color, edge, grid, mix, noise
 
 @dataclass(frozen=True)
 class Material:
-    """One entry of the vocabulary.
+    """What a surface is made of.
 
     Attributes:
+        name: As a prompt may name it; seeds the texture.
         period: Edge of one repeat on a surface [m].
         side: Edge of the texture [texels], a power of two; 2 to 3 mm a texel, finer than a pixel of the
             cameras at 640 px width.
         painter: Paints the texture, given a random generator and the side: shape (side, side, 3).
     """
 
+    name: str
     period: float
     side: int
     painter: Callable[[Generator, int], np.ndarray]
 
-
-def texture(name: str, seed: int) -> np.ndarray:
-    """The texture of a material in display values, shape (S, S, 3), float64 in [0, 1].
-
-    Args:
-        name: A key of `MATERIALS`.
-        seed: Same seed, same texture.
-    """
-    material = MATERIALS[name]
-    rng = np.random.default_rng([seed, *name.encode()])
-    return np.clip(material.painter(rng, material.side), 0.0, 1.0)
+    def texture(self, seed: int) -> np.ndarray:
+        """The texture in display values, shape (S, S, 3), float64 in [0, 1]; same seed, same texture."""
+        rng = np.random.default_rng([seed, *self.name.encode()])
+        return np.clip(self.painter(rng, self.side), 0.0, 1.0)
 
 
 def _wallpaper(rng: Generator, side: int) -> np.ndarray:
@@ -123,21 +118,24 @@ def _beach_ball(rng: Generator, side: int) -> np.ndarray:
 
 
 MATERIALS: dict[str, Material] = {
-    "planks": Material(2.56, 1024, wood.planks),
-    "bricks": Material(0.96, 512, masonry.bricks),
-    "wallpaper": Material(0.64, 256, _wallpaper),
-    "plaster": Material(1.28, 512, masonry.plaster),
-    "painted wood": Material(0.64, 256, _painted),
-    "oak": Material(0.8, 256, wood.oak),
-    "walnut": Material(0.8, 256, wood.walnut),
-    "cloth": Material(0.32, 128, _cloth),
-    "rug": Material(1.7, 512, _rug),
-    "picture": Material(0.8, 256, _picture),
-    "porcelain": Material(0.4, 256, _porcelain),
-    "marble": Material(0.6, 256, stone.marble),
-    "gold": Material(0.5, 256, metal.gold),
-    "leaf": Material(0.2, 128, nature.leaf),
-    "terracotta": Material(0.5, 256, masonry.terracotta),
-    "beach ball": Material(0.6, 256, _beach_ball),
+    material.name: material
+    for material in (
+        Material("planks", 2.56, 1024, wood.planks),
+        Material("bricks", 0.96, 512, masonry.bricks),
+        Material("wallpaper", 0.64, 256, _wallpaper),
+        Material("plaster", 1.28, 512, masonry.plaster),
+        Material("painted wood", 0.64, 256, _painted),
+        Material("oak", 0.8, 256, wood.oak),
+        Material("walnut", 0.8, 256, wood.walnut),
+        Material("cloth", 0.32, 128, _cloth),
+        Material("rug", 1.7, 512, _rug),
+        Material("picture", 0.8, 256, _picture),
+        Material("porcelain", 0.4, 256, _porcelain),
+        Material("marble", 0.6, 256, stone.marble),
+        Material("gold", 0.5, 256, metal.gold),
+        Material("leaf", 0.2, 128, nature.leaf),
+        Material("terracotta", 0.5, 256, masonry.terracotta),
+        Material("beach ball", 0.6, 256, _beach_ball),
+    )
 }
-"""The vocabulary, by the name that a prompt may use."""
+"""Materials of the room, by name."""

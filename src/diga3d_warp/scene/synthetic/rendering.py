@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import warp as wp
@@ -12,23 +13,28 @@ from diga3d_warp.kernels.texturing import hit_colors, pyramid
 from diga3d_warp.materials.painting import GAMMA
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.synthetic.lighting import DEVICE, warp_mesh
-from diga3d_warp.scene.synthetic.materials import MATERIALS, texture
+from diga3d_warp.scene.synthetic.materials import Material
 from diga3d_warp.scene.synthetic.solids import Surface
 
 
+NEAREST = 0.05
+"""Depth from which projected corners bound a body in the image [m]: nearer ones may lie beside the camera."""
+
+
 class Textures:
-    """The textures of all materials as pyramids in one array, in the order of `MATERIALS`.
+    """The textures of materials as pyramids in one array.
 
     Attributes:
         mean: Average linear colour of each material, shape (M, 3).
         arrays: Texels, starts, sides and periods, as `kernels.texturing.hit_colors` takes them.
     """
 
-    def __init__(self, seed: int) -> None:
-        pyramids = [pyramid(texture(name, seed) ** GAMMA) for name in MATERIALS]
+    def __init__(self, seed: int, materials: Iterable[Material]) -> None:
+        self._place = {material: index for index, material in enumerate(dict.fromkeys(materials))}
+        pyramids = [pyramid(material.texture(seed) ** GAMMA) for material in self._place]
         starts = np.cumsum([0] + [len(p) for p in pyramids[:-1]]).astype(np.int32)
-        sides = np.array([m.side for m in MATERIALS.values()], np.int32)
-        periods = np.array([m.period for m in MATERIALS.values()], np.float32)
+        sides = np.array([material.side for material in self._place], np.int32)
+        periods = np.array([material.period for material in self._place], np.float32)
         self.mean = np.stack([p[-1] for p in pyramids])
         self.arrays: tuple[wp.array, wp.array, wp.array, wp.array] = (
             wp.array(np.concatenate(pyramids), dtype=wp.vec3, device=DEVICE),
@@ -37,11 +43,16 @@ class Textures:
             wp.array(periods, dtype=float, device=DEVICE),
         )
 
+    def of_faces(self, surface: Surface) -> np.ndarray:
+        """Texture of each face, shape (F,), int32."""
+        places = np.array([self._place[material] for material in surface.palette], np.int32)
+        return places[surface.materials]
+
     def corner_albedo(self, surface: Surface) -> np.ndarray:
         """Linear colour of each corner, averaged over its texture, shape (V, 3)."""
-        material = np.zeros(len(surface.vertices), np.int32)
-        material[surface.faces] = surface.materials[:, None]
-        return self.mean[material] * surface.tints
+        texture = np.zeros(len(surface.vertices), np.int32)
+        texture[surface.faces] = self.of_faces(surface)[:, None]
+        return self.mean[texture] * surface.tints
 
 
 class Body:
@@ -49,10 +60,11 @@ class Body:
 
     def __init__(self, surface: Surface, textures: Textures) -> None:
         self.mesh = warp_mesh(surface)
+        self.vertices = surface.vertices
         self.textures = textures
         self._tints = surface.tints
         self._uvs: wp.array = wp.array(surface.uvs.astype(np.float32), dtype=wp.vec2, device=DEVICE)
-        self._materials: wp.array = wp.array(surface.materials, dtype=wp.int32, device=DEVICE)
+        self._materials: wp.array = wp.array(textures.of_faces(surface), dtype=wp.int32, device=DEVICE)
 
     def tinted(self, light: np.ndarray) -> wp.array:
         """Light at the corners times their tint, as `colors` takes it; `light` has shape (V, 3)."""
@@ -87,6 +99,25 @@ class Rays:
     slant: np.ndarray
     spread: float
     grid: int
+
+    def towards(self, body: Body, camera: Camera) -> np.ndarray:
+        """Indices of the rays that may meet a body: those of the pixels about its projected corners."""
+        corners = body.vertices @ camera.pose[:3, :3].T + camera.pose[:3, 3]
+        near = np.ones((camera.height, camera.width), bool)
+        if (corners[:, 2] > NEAREST).all():
+            x, y = (corners[:, :2] / corners[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)).T
+            columns, rows = np.arange(camera.width), np.arange(camera.height)[:, None]
+            near = (columns > x.min() - 2) & (columns < x.max() + 1)
+            near = near & (rows > y.min() - 2) & (rows < y.max() + 1)
+        return np.flatnonzero(np.tile(near.ravel(), 1 + self.grid**2))
+
+    def part(self, indices: np.ndarray) -> Rays:
+        """Some of the rays, in that order."""
+        origins, directions = (
+            wp.array(array.numpy()[indices], dtype=wp.vec3, device=DEVICE)
+            for array in (self.origins, self.directions)
+        )
+        return replace(self, origins=origins, directions=directions)
 
 
 def camera_rays(camera: Camera, grid: int) -> Rays:

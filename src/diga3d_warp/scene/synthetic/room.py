@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.random import Generator
 
+from diga3d_warp.scene.synthetic.scenery import Scenery
 from diga3d_warp.scene.synthetic.solids import Surface, ball, box, joined, panel, revolved, smooth_profile
 
 LEFT, RIGHT, FRONT, BACK, HEIGHT = -2.3, 2.3, -3.0, 1.7, 2.8
@@ -18,6 +19,11 @@ LEFT, RIGHT, FRONT, BACK, HEIGHT = -2.3, 2.3, -3.0, 1.7, 2.8
 
 FLOOR_CELL = 0.04
 """Edge of a floor cell [m]: penumbras of the object are some cells wide; 0.08 m would show as facets."""
+
+
+def room_scenery(seed: int) -> Scenery:
+    """The room with a porcelain vase, a golden ball and a marble vase."""
+    return Scenery(furnished_room(seed), vase(), golden_ball(), vase("marble"))
 
 
 def furnished_room(seed: int) -> Surface:

@@ -1,4 +1,4 @@
-"""The room with and without the object, with another object and another material, seen from one camera."""
+"""A scenery with and without the object, with another object and another material, seen from one camera."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import numpy as np
 import warp as wp
 from numpy.random import Generator
 
+from diga3d_warp.kernels.raycast import Hits
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.scene import Points
 from diga3d_warp.scene.synthetic.lighting import corner_light
-from diga3d_warp.scene.synthetic.rendering import Body, Textures, camera_rays, cast, developed
-from diga3d_warp.scene.synthetic.room import furnished_room, golden_ball, vase
+from diga3d_warp.scene.synthetic.rendering import Body, Rays, Textures, camera_rays, cast, developed
+from diga3d_warp.scene.synthetic.scenery import Scenery
 from diga3d_warp.scene.synthetic.solids import Surface, joined
 
 POINTS_PER_VIEW = 250
@@ -24,11 +25,12 @@ POINT_NOISE = 0.002
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Room and objects with the light that falls on them in each case.
+    """Surroundings and objects with the light that falls on them in each case.
 
     Attributes:
         room, object, other_object, other_material: What can be seen.
-        room_alone, room_with_object, room_with_other: Tinted light on the room.
+        room_alone, room_with_object, room_with_other: Tinted light on the surroundings; one array where the
+            objects cast no shadows.
         on_object, on_other_object, on_other_material: Tinted light on the objects.
     """
 
@@ -65,40 +67,51 @@ class Shot:
     points: Points
 
 
-def set_stage(seed: int, shadows: bool) -> Stage:
-    """Build and light the room and its objects.
+def set_stage(scenery: Scenery, seed: int, shadows: bool) -> Stage:
+    """Light a scenery in each of its cases.
 
     Args:
-        seed: Of textures, small things and sampling noise.
-        shadows: Whether the object darkens and colours the room.
+        scenery: Surfaces and light.
+        seed: Of textures and sampling noise.
+        shadows: Whether the object darkens and colours its surroundings.
     """
-    textures = Textures(seed)
-    room, thing, other, marble = furnished_room(seed), vase(), golden_ball(), vase("marble")
+    room, thing, other, recast = (
+        scenery.surroundings, scenery.thing, scenery.other_object, scenery.other_material
+    )  # fmt: skip
+    shown = [room, thing, other, recast]
+    if scenery.backdrop is not None:
+        shown.append(scenery.backdrop)
+    textures = Textures(seed, joined(shown).palette)
 
     def light(*parts: Surface) -> list[np.ndarray]:
         whole = joined(parts)
-        received = corner_light(whole, textures.corner_albedo(whole), seed)
+        received = corner_light(whole, textures.corner_albedo(whole), seed, scenery.lighting)
         return np.split(received, np.cumsum([len(part.vertices) for part in parts[:-1]]))
 
     alone = light(room)[0]
     beside_object, on_object = light(room, thing)
     beside_other, on_other = light(room, other)
-    if not shadows:
-        beside_object = beside_other = alone
-    room_body, marble_body = Body(room, textures), Body(marble, textures)
+    seen = room if scenery.backdrop is None else joined([room, scenery.backdrop])
+    far = np.ones((len(seen.vertices) - len(room.vertices), 3))  # a backdrop shows its texture as it is
+    room_body, recast_body = Body(seen, textures), Body(recast, textures)
     object_body, other_body = Body(thing, textures), Body(other, textures)
+
+    def on_room(received: np.ndarray) -> wp.array:
+        return room_body.tinted(np.concatenate([received, far]))
+
+    room_alone = on_room(alone)
     return Stage(
         room=room_body,
         object=object_body,
         other_object=other_body,
-        other_material=marble_body,
-        room_alone=room_body.tinted(alone),
-        room_with_object=room_body.tinted(beside_object),
-        room_with_other=room_body.tinted(beside_other),
+        other_material=recast_body,
+        room_alone=room_alone,
+        room_with_object=on_room(beside_object) if shadows else room_alone,
+        room_with_other=on_room(beside_other) if shadows else room_alone,
         on_object=object_body.tinted(on_object),
         on_other_object=other_body.tinted(on_other),
         # The same shape in another material: only the object itself changes, not what it sends to the room.
-        on_other_material=marble_body.tinted(on_object),
+        on_other_material=recast_body.tinted(on_object),
     )
 
 
@@ -106,39 +119,72 @@ def take(stage: Stage, camera: Camera, supersampling: int, rng: Generator) -> Sh
     """Render everything that is known of one view.
 
     Args:
-        stage: The lit room.
+        stage: The lit scenery.
         camera: A pinhole camera inside it.
         supersampling: Rays per pixel and axis.
         rng: Picks the sparse points and their noise.
     """
     shape = (camera.height, camera.width)
     rays = camera_rays(camera, supersampling)
-    room, thing, other = (cast(body, rays) for body in (stage.room, stage.object, stage.other_object))
-    behind = room.distance.numpy()
-    front, other_front = thing.distance.numpy() < behind, other.distance.numpy() < behind
-
-    def picture(shown: np.ndarray, foreground: np.ndarray, room_light: wp.array) -> np.ndarray:
-        background = stage.room.colors(room, room_light, rays.spread)
-        return developed(np.where(shown[:, None], foreground, background), shape)
-
-    porcelain = stage.object.colors(thing, stage.on_object, rays.spread)
-    marble = stage.other_material.colors(thing, stage.on_other_material, rays.spread)
-    gold = stage.other_object.colors(other, stage.on_other_object, rays.spread)
-    image = picture(front, porcelain, stage.room_with_object)
+    hits = cast(stage.room, rays)
+    behind = hits.distance.numpy()
+    alone, with_object, with_other = _colors_by_light(
+        stage.room, hits, rays, [stage.room_alone, stage.room_with_object, stage.room_with_other]
+    )
+    thing, other = (_Front(body, camera, rays, behind) for body in (stage.object, stage.other_object))
+    image = developed(thing.over(with_object, stage.object, stage.on_object), shape)
 
     centers = camera.height * camera.width
-    distance = np.minimum(behind, thing.distance.numpy())[:centers]
+    distance = thing.nearest[:centers]
     picked = rng.choice(centers, min(POINTS_PER_VIEW, centers), replace=False)
     along = rays.directions.numpy()[picked].astype(np.float64)
     positions = camera.center + along * distance[picked, None]
     positions += POINT_NOISE * rng.standard_normal(positions.shape)
     return Shot(
         image=image,
-        without_object=developed(stage.room.colors(room, stage.room_alone, rays.spread), shape),
-        other_object=picture(other_front, gold, stage.room_with_other),
-        other_material=picture(front, marble, stage.room_with_object),
-        mask=front.reshape(-1, *shape).any(0),
+        without_object=developed(alone, shape),
+        other_object=developed(other.over(with_other, stage.other_object, stage.on_other_object), shape),
+        other_material=developed(thing.over(with_object, stage.other_material, stage.on_other_material), shape),
+        mask=thing.shown.reshape(-1, *shape).any(0),
         depth=distance.reshape(shape) * rays.slant,
         depth_without_object=behind[:centers].reshape(shape) * rays.slant,
         points=Points(positions, image.reshape(-1, 3)[picked]),
     )
+
+
+class _Front:
+    """A body in front of what stays.
+
+    Args:
+        body: The object.
+        camera, rays: Where it is seen from.
+        behind: Distance along each ray of what stays, shape (R,).
+
+    Attributes:
+        shown: Rays that meet the body first, shape (R,), bool.
+        nearest: Distance of what each ray meets first, shape (R,).
+    """
+
+    def __init__(self, body: Body, camera: Camera, rays: Rays, behind: np.ndarray) -> None:
+        rays_there = rays.towards(body, camera)
+        hits = cast(body, rays.part(rays_there))
+        distance = hits.distance.numpy()
+        front = distance < behind[rays_there]
+        self._hits, self._spread, self._front = hits, rays.spread, front
+        self._indices = rays_there[front]
+        self.shown = np.zeros(len(behind), bool)
+        self.shown[self._indices] = True
+        self.nearest = behind.copy()
+        self.nearest[self._indices] = distance[front]
+
+    def over(self, background: np.ndarray, body: Body, tinted_light: wp.array) -> np.ndarray:
+        """Linear colours of all rays: the body's, or one's of the same shape, where shown; shape (R, 3)."""
+        colors = background.copy()
+        colors[self._indices] = body.colors(self._hits, tinted_light, self._spread)[self._front]
+        return colors
+
+
+def _colors_by_light(body: Body, hits: Hits, rays: Rays, lights: list[wp.array]) -> list[np.ndarray]:
+    """Linear colours of the hits in each light; once for lights that are one array."""
+    known = {key: body.colors(hits, light, rays.spread) for key, light in {id(x): x for x in lights}.items()}
+    return [known[id(light)] for light in lights]

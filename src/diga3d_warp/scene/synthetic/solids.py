@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from diga3d_warp.scene.synthetic.materials import MATERIALS
+from diga3d_warp.scene.synthetic.materials import MATERIALS, Material
 
 WHITE = (1.0, 1.0, 1.0)
 
@@ -26,7 +26,8 @@ class Surface:
         uvs: Texture position, 1 = one repeat, shape (V, 2).
         tints: Linear RGB that multiplies the texture, shape (V, 3).
         faces: Corner indices, shape (F, 3), int32.
-        materials: Index into the keys of `MATERIALS` of each face, shape (F,), int32.
+        materials: Index into `palette` of each face, shape (F,), int32.
+        palette: The materials, each once.
     """
 
     vertices: np.ndarray
@@ -35,6 +36,7 @@ class Surface:
     tints: np.ndarray
     faces: np.ndarray
     materials: np.ndarray
+    palette: tuple[Material, ...]
 
     def moved(self, offset: Sequence[float]) -> Surface:
         """The same surface elsewhere; `offset` in metres."""
@@ -58,21 +60,28 @@ class Surface:
 def joined(parts: Sequence[Surface]) -> Surface:
     """All parts as one surface; corners and faces keep the order of the parts."""
     starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
+    palette = tuple(dict.fromkeys(material for part in parts for material in part.palette))
+    places = [np.array([palette.index(m) for m in part.palette], np.int32) for part in parts]
     return Surface(
         np.concatenate([part.vertices for part in parts]),
         np.concatenate([part.normals for part in parts]),
         np.concatenate([part.uvs for part in parts]),
         np.concatenate([part.tints for part in parts]),
         np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
-        np.concatenate([part.materials for part in parts]),
+        np.concatenate([place[part.materials] for part, place in zip(parts, places, strict=True)]),
+        palette,
     )
+
+
+def _material(material: str | Material) -> Material:
+    return MATERIALS[material] if isinstance(material, str) else material
 
 
 def _sheet(
     vertices: np.ndarray,
     normals: np.ndarray,
     uvs: np.ndarray,
-    material: str,
+    material: Material,
     tint: Sequence[float] | np.ndarray,
 ) -> Surface:
     """A grid of corners, arrays of shape (rows, columns, ...), as a surface of two triangles a cell."""
@@ -86,7 +95,8 @@ def _sheet(
         uvs.reshape(-1, 2),
         np.broadcast_to(np.asarray(tint, np.float64), (rows * columns, 3)),
         faces,
-        np.full(len(faces), list(MATERIALS).index(material), np.int32),
+        np.zeros(len(faces), np.int32),
+        (material,),
     )
 
 
@@ -94,7 +104,7 @@ def panel(
     corner: Sequence[float] | np.ndarray,
     edge_u: Sequence[float] | np.ndarray,
     edge_v: Sequence[float] | np.ndarray,
-    material: str,
+    material: str | Material,
     *,
     tint: Sequence[float] | np.ndarray = WHITE,
     cell: float = 0.08,
@@ -105,11 +115,12 @@ def panel(
     Args:
         corner: Where both edges start [m], shape (3,).
         edge_u, edge_v: The edges [m]; the texture's u and v run along them.
-        material: A key of `MATERIALS`.
+        material: A material, or a key of `MATERIALS`.
         tint: Linear RGB that multiplies the texture.
         cell: Largest edge of a cell [m].
         whole: Show the texture once over the whole rectangle, instead of at its own size.
     """
+    stuff = _material(material)
     start, along_u, along_v = (np.asarray(x, np.float64) for x in (corner, edge_u, edge_v))
     lengths = np.array([np.linalg.norm(along_u), np.linalg.norm(along_v)])
     columns, rows = np.ceil(lengths / cell - 1e-9).astype(int) + 1
@@ -117,15 +128,15 @@ def panel(
     normal = np.cross(along_u, along_v)
     vertices = start + share[..., :1] * along_u + share[..., 1:] * along_v
     # The start moves the texture, so that equal panels at different places do not look alike.
-    uvs = share if whole else share * lengths / MATERIALS[material].period + start.sum() * 0.37
+    uvs = share if whole else share * lengths / stuff.period + start.sum() * 0.37
     normals = np.broadcast_to(normal / np.linalg.norm(normal), vertices.shape)
-    return _sheet(vertices, normals, uvs, material, tint)
+    return _sheet(vertices, normals, uvs, stuff, tint)
 
 
 def box(
     low: Sequence[float],
     high: Sequence[float],
-    material: str,
+    material: str | Material,
     *,
     tint: Sequence[float] | np.ndarray = WHITE,
     cell: float = 0.08,
@@ -145,7 +156,7 @@ def box(
 
 def revolved(
     profile: Sequence[tuple[float, float]],
-    material: str,
+    material: str | Material,
     *,
     tint: Sequence[float] | np.ndarray = WHITE,
     repeats: tuple[float, float] = (1.0, 1.0),
@@ -156,7 +167,7 @@ def revolved(
     Args:
         profile: (radius, height) from the bottom up along the outer side [m]. A point given twice is a
             sharp rim, elsewhere the surface is smooth.
-        material: A key of `MATERIALS`.
+        material: A material, or a key of `MATERIALS`.
         tint: Linear RGB that multiplies the texture.
         repeats: Repeats of the texture around (a whole number, or the seam shows) and along the profile.
         segments: Cells around.
@@ -177,7 +188,7 @@ def revolved(
     uvs = np.stack(
         np.broadcast_arrays(angle / (2 * np.pi) * repeats[0], (1 - length[:, None]) * repeats[1]), -1
     )
-    return _sheet(vertices, normals, uvs, material, tint)
+    return _sheet(vertices, normals, uvs, _material(material), tint)
 
 
 def smooth_profile(points: Sequence[tuple[float, float]], count: int) -> list[tuple[float, float]]:
@@ -193,7 +204,7 @@ def smooth_profile(points: Sequence[tuple[float, float]], count: int) -> list[tu
 
 
 def ball(
-    radius: float, material: str, *, repeats: tuple[float, float] = (1.0, 1.0), segments: int = 40
+    radius: float, material: str | Material, *, repeats: tuple[float, float] = (1.0, 1.0), segments: int = 40
 ) -> Surface:
     """A sphere about the origin; `radius` in metres, `segments` cells around and half as many up."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, segments // 2 + 1)
