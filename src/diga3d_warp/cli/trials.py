@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from diga3d_warp.cli.parsing import Commands, path, positive_int, seed
+from diga3d_warp.scene.synthetic.situations.catalogue import SITUATIONS
 
 
 def add_trials(commands: Commands) -> None:
@@ -15,9 +16,17 @@ def add_trials(commands: Commands) -> None:
         "synthetic",
         _synthetic,
         "write a synthetic capture with ground truth",
-        "diga3d synthetic run/room --views 24",
+        "diga3d synthetic run/tiles --situation tiles --seed 3",
+        "Write a synthetic capture with ground truth: without the object, in another material, with another "
+        "object, and depth.",
     )
     synthetic.add_argument("out", type=path, metavar="OUT", help="a new folder")
+    synthetic.add_argument(
+        "--situation",
+        choices=SITUATIONS,
+        metavar="NAME",
+        help=f"in place of the demo's room: {', '.join(SITUATIONS)}",
+    )
     synthetic.add_argument("--width", type=positive_int, default=320, metavar="PX")
     synthetic.add_argument("--height", type=positive_int, default=240, metavar="PX")
     synthetic.add_argument("--views", type=positive_int, default=24, metavar="N")
@@ -36,10 +45,14 @@ def _doctor() -> int:
     return examine()
 
 
-def _synthetic(out: Path, width: int, height: int, views: int, no_shadows: bool, seed: int) -> int:
+def _synthetic(
+    out: Path, situation: str | None, width: int, height: int, views: int, no_shadows: bool, seed: int
+) -> int:
     from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
 
-    settings = SyntheticScene(width=width, height=height, views=views, shadows=not no_shadows, seed=seed)
+    settings = SyntheticScene(
+        width=width, height=height, views=views, shadows=not no_shadows, seed=seed, situation=situation
+    )
     print(generate(settings, out, progress=True))
     return 0
 

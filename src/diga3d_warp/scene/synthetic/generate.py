@@ -1,9 +1,9 @@
-"""A synthetic capture with ground truth: an ordinary COLMAP folder of a small room, rendered from a seed."""
+"""A synthetic capture with ground truth: an ordinary COLMAP folder, rendered from a seed."""
 
 from __future__ import annotations
 
-import json
 import tempfile
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -11,11 +11,18 @@ import numpy as np
 from tqdm import tqdm
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.files import write_json
+from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
 from diga3d_warp.scene.colmap.reconstruction import write_colmap
 from diga3d_warp.scene.scene import Points
 from diga3d_warp.scene.synthetic.arc import arc_cameras
 from diga3d_warp.scene.synthetic.room import room_scenery
-from diga3d_warp.scene.synthetic.shots import Shot, set_stage, take
+from diga3d_warp.scene.synthetic.shots import Shot, Stage, set_stage, take, take_alone
+from diga3d_warp.scene.synthetic.situations.catalogue import SITUATIONS, build_situation
+
+TEST_VIEWS = 6
+"""Views of a situation without the object, from elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +36,10 @@ class SyntheticScene:
             without the object differ inside the masks only.
         seed: Of textures, small things in the room, camera positions and sampling noise.
         supersampling: Rays per pixel and axis.
+        situation: One of `SITUATIONS`; None for the room with a vase.
 
     Raises:
-        InputError: a size or a number is too small to make a capture.
+        InputError: a size or a number is too small to make a capture, or no situation has that name.
     """
 
     width: int = 320
@@ -40,6 +48,7 @@ class SyntheticScene:
     shadows: bool = True
     seed: int = 0
     supersampling: int = 2
+    situation: str | None = None
 
     def __post_init__(self) -> None:
         if self.width < 16 or self.height < 16:
@@ -52,6 +61,8 @@ class SyntheticScene:
             raise InputError(f"supersampling {self.supersampling} casts no ray: use 1 or more")
         if self.seed < 0:
             raise InputError(f"seed {self.seed} is negative: use 0 or more")
+        if self.situation is not None and self.situation not in SITUATIONS:
+            raise InputError(f"no situation is called {self.situation!r}: use one of {', '.join(SITUATIONS)}")
 
 
 def generate(settings: SyntheticScene, folder: Path | str, progress: bool = False) -> Path:
@@ -59,7 +70,9 @@ def generate(settings: SyntheticScene, folder: Path | str, progress: bool = Fals
 
     Layout: images/*.png, masks/*.png (255 = object) and sparse/0 (COLMAP); in ground_truth/ the same views as
     without_object/*.png, other_object/*.png (a golden ball), other_material/*.png (marble), depth/*.npy and
-    depth_without_object/*.npy (z depth [m], float32); scene.json with the settings.
+    depth_without_object/*.npy (z depth [m], float32); scene.json with the settings. Of a situation also
+    captions.json, what the images show in words, and ground_truth/elsewhere/: views without the object from
+    other places, as images/*.png, depth/*.npy and cameras.json.
 
     Args:
         settings: What to make.
@@ -86,9 +99,16 @@ def generate(settings: SyntheticScene, folder: Path | str, progress: bool = Fals
 
 
 def _write_capture(settings: SyntheticScene, folder: Path, progress: bool) -> None:
-    cameras = arc_cameras(settings.width, settings.height, settings.views, settings.seed)
     rng = np.random.default_rng([settings.seed, 3])
-    stage = set_stage(room_scenery(settings.seed), settings.seed, settings.shadows)
+    size = settings.width, settings.height
+    if settings.situation is None:
+        situation, scenery = None, room_scenery(settings.seed)
+        cameras = arc_cameras(*size, settings.views, settings.seed)
+    else:
+        situation = build_situation(settings.situation, settings.seed)
+        scenery, paths = situation.scenery, np.random.default_rng([settings.seed, 2])
+        cameras = situation.orbit.cameras(*size, settings.views, paths)
+    stage = set_stage(scenery, settings.seed, settings.shadows)
     points = []
     for name, camera in tqdm(cameras.items(), "rendering", unit="view", disable=not progress):
         shot = take(stage, camera, settings.supersampling, rng)
@@ -97,12 +117,24 @@ def _write_capture(settings: SyntheticScene, folder: Path, progress: bool) -> No
     positions = np.concatenate([part.positions for part in points])
     colors = np.concatenate([part.colors for part in points])
     write_colmap(folder, cameras, Points(positions, colors), suffix=".png")
-    (folder / "scene.json").write_text(json.dumps(asdict(settings), indent=2) + "\n")
+    described = {key: value for key, value in asdict(settings).items() if value is not None}
+    write_json(folder / "scene.json", described)
+    if situation is not None:
+        write_json(folder / "captions.json", asdict(situation.captions))
+        elsewhere = situation.orbit.elsewhere(*size, TEST_VIEWS, paths)
+        _write_test_views(stage, elsewhere, settings.supersampling, folder / "ground_truth" / "elsewhere")
+
+
+def _write_test_views(stage: Stage, cameras: Mapping[str, Camera], supersampling: int, folder: Path) -> None:
+    """Views from other places without the object: images/, depth/ and cameras.json."""
+    for name, camera in cameras.items():
+        image, depth = take_alone(stage, camera, supersampling)
+        _write_png(folder / "images" / f"{name}.png", image)
+        _write_npy(folder / "depth" / f"{name}.npy", depth)
+    save_cameras(folder / "cameras.json", CameraSet({}, cameras))
 
 
 def _write_shot(shot: Shot, folder: Path, name: str) -> None:
-    import cv2
-
     truth = folder / "ground_truth"
     pictures = {
         folder / "images": shot.image,
@@ -111,12 +143,21 @@ def _write_shot(shot: Shot, folder: Path, name: str) -> None:
         truth / "other_object": shot.other_object,
         truth / "other_material": shot.other_material,
     }
-    depths = {truth / "depth": shot.depth, truth / "depth_without_object": shot.depth_without_object}
-    for place in (*pictures, *depths):
-        place.mkdir(parents=True, exist_ok=True)
     for place, picture in pictures.items():
-        ok, png = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
-        assert ok
-        (place / f"{name}.png").write_bytes(png.tobytes())
-    for place, depth in depths.items():
-        np.save(place / f"{name}.npy", depth)
+        _write_png(place / f"{name}.png", picture)
+    _write_npy(truth / "depth" / f"{name}.npy", shot.depth)
+    _write_npy(truth / "depth_without_object" / f"{name}.npy", shot.depth_without_object)
+
+
+def _write_png(path: Path, picture: np.ndarray) -> None:
+    import cv2
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    ok, png = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
+    assert ok
+    path.write_bytes(png.tobytes())
+
+
+def _write_npy(path: Path, array: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.save(path, array)

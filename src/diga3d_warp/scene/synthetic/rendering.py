@@ -16,7 +16,6 @@ from diga3d_warp.scene.synthetic.lighting import DEVICE, warp_mesh
 from diga3d_warp.scene.synthetic.materials import Material
 from diga3d_warp.scene.synthetic.solids import Surface
 
-
 NEAREST = 0.05
 """Depth from which projected corners bound a body in the image [m]: nearer ones may lie beside the camera."""
 
@@ -113,11 +112,12 @@ class Rays:
 
     def part(self, indices: np.ndarray) -> Rays:
         """Some of the rays, in that order."""
-        origins, directions = (
-            wp.array(array.numpy()[indices], dtype=wp.vec3, device=DEVICE)
-            for array in (self.origins, self.directions)
-        )
-        return replace(self, origins=origins, directions=directions)
+
+        def chosen(array: wp.array) -> wp.array:
+            part: wp.array = wp.array(array.numpy()[indices], dtype=wp.vec3, device=DEVICE)
+            return part
+
+        return replace(self, origins=chosen(self.origins), directions=chosen(self.directions))
 
 
 def camera_rays(camera: Camera, grid: int) -> Rays:

@@ -144,12 +144,23 @@ def take(stage: Stage, camera: Camera, supersampling: int, rng: Generator) -> Sh
         image=image,
         without_object=developed(alone, shape),
         other_object=developed(other.over(with_other, stage.other_object, stage.on_other_object), shape),
-        other_material=developed(thing.over(with_object, stage.other_material, stage.on_other_material), shape),
-        mask=thing.shown.reshape(-1, *shape).any(0),
+        other_material=developed(
+            thing.over(with_object, stage.other_material, stage.on_other_material), shape
+        ),
+        mask=np.any(thing.shown.reshape(-1, *shape), axis=0),
         depth=distance.reshape(shape) * rays.slant,
         depth_without_object=behind[:centers].reshape(shape) * rays.slant,
         points=Points(positions, image.reshape(-1, 3)[picked]),
     )
+
+
+def take_alone(stage: Stage, camera: Camera, supersampling: int) -> tuple[np.ndarray, np.ndarray]:
+    """A view without the object: its image (H, W, 3), uint8 RGB, and z depth (H, W) [m], float32."""
+    shape = (camera.height, camera.width)
+    rays = camera_rays(camera, supersampling)
+    hits = cast(stage.room, rays)
+    image = developed(stage.room.colors(hits, stage.room_alone, rays.spread), shape)
+    return image, hits.distance.numpy()[: camera.height * camera.width].reshape(shape) * rays.slant
 
 
 class _Front:
@@ -186,5 +197,8 @@ class _Front:
 
 def _colors_by_light(body: Body, hits: Hits, rays: Rays, lights: list[wp.array]) -> list[np.ndarray]:
     """Linear colours of the hits in each light; once for lights that are one array."""
-    known = {key: body.colors(hits, light, rays.spread) for key, light in {id(x): x for x in lights}.items()}
+    known: dict[int, np.ndarray] = {}
+    for light in lights:
+        if id(light) not in known:
+            known[id(light)] = body.colors(hits, light, rays.spread)
     return [known[id(light)] for light in lights]

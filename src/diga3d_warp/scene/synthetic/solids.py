@@ -77,14 +77,22 @@ def _material(material: str | Material) -> Material:
     return MATERIALS[material] if isinstance(material, str) else material
 
 
-def _sheet(
+def sheet(
     vertices: np.ndarray,
     normals: np.ndarray,
     uvs: np.ndarray,
     material: Material,
     tint: Sequence[float] | np.ndarray,
 ) -> Surface:
-    """A grid of corners, arrays of shape (rows, columns, ...), as a surface of two triangles a cell."""
+    """A grid of corners, arrays of shape (rows, columns, ...), as a surface of two triangles a cell.
+
+    Args:
+        vertices: World space [m], shape (R, C, 3); it faces columns x rows.
+        normals: Outer unit normals, shape (R, C, 3).
+        uvs: Texture position, 1 = one repeat, shape (R, C, 2).
+        material: What it is made of.
+        tint: Linear RGB that multiplies the texture.
+    """
     rows, columns = vertices.shape[:2]
     corner = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
     a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
@@ -130,7 +138,7 @@ def panel(
     # The start moves the texture, so that equal panels at different places do not look alike.
     uvs = share if whole else share * lengths / stuff.period + start.sum() * 0.37
     normals = np.broadcast_to(normal / np.linalg.norm(normal), vertices.shape)
-    return _sheet(vertices, normals, uvs, stuff, tint)
+    return sheet(vertices, normals, uvs, stuff, tint)
 
 
 def box(
@@ -188,7 +196,7 @@ def revolved(
     uvs = np.stack(
         np.broadcast_arrays(angle / (2 * np.pi) * repeats[0], (1 - length[:, None]) * repeats[1]), -1
     )
-    return _sheet(vertices, normals, uvs, _material(material), tint)
+    return sheet(vertices, normals, uvs, _material(material), tint)
 
 
 def smooth_profile(points: Sequence[tuple[float, float]], count: int) -> list[tuple[float, float]]:
