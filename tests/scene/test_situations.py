@@ -10,7 +10,7 @@ import pytest
 
 from diga3d_warp.cli import main
 from diga3d_warp.errors import InputError
-from diga3d_warp.scene.cameras_file import load_cameras
+from diga3d_warp.scene.layouts.cameras_file import load_cameras
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.synthetic.generate import TEST_VIEWS, SyntheticScene, generate
 from diga3d_warp.scene.synthetic.shots import set_stage, take

@@ -13,8 +13,8 @@ from tqdm import tqdm
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import write_json
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.scene.cameras_file import CameraSet, save_cameras
 from diga3d_warp.scene.colmap.reconstruction import write_colmap
+from diga3d_warp.scene.layouts.cameras_file import CameraSet, save_cameras
 from diga3d_warp.scene.scene import Points
 from diga3d_warp.scene.synthetic.arc import arc_cameras
 from diga3d_warp.scene.synthetic.room import room_scenery
