@@ -12,6 +12,9 @@ from diga3d_warp.materials.painting import cells, color, edge, grid, mix, noise,
 
 Painter = Callable[[Generator, int], np.ndarray]
 
+GREEN = color("#57803a")
+"""Mean of a lawn seen from some metres."""
+
 
 def lawn(mown: float, flowers: int) -> Painter:
     """Grass that was mown in lanes.
@@ -23,8 +26,9 @@ def lawn(mown: float, flowers: int) -> Painter:
 
     def painter(rng: Generator, side: int) -> np.ndarray:
         u, _ = grid(side)
-        lanes = np.clip(4 * np.sin(4 * np.pi * u), -1, 1)
-        green = grass(rng, side) * (1 + 0.14 * noise(rng, side, 1.8) + mown * lanes)[..., None]
+        lanes = np.clip(4 * np.sin(2 * np.pi * u), -1, 1)
+        green = 0.35 * GREEN + 0.65 * grass(rng, side)  # softer than blades seen from near
+        green = green * (1 + 0.09 * noise(rng, side, 1.6) + mown * lanes)[..., None]
         if flowers:
             daisies = cells(rng.random((max(flowers, 2), 2)), side)
             green = mix(green, "#eeeee6", edge(0.006 - daisies.center, 0.003))

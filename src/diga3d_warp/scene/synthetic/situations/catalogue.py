@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from diga3d_warp.scene.synthetic.situations.situation import Situation
 
-SITUATIONS = ("rug", "tiles")
+SITUATIONS = ("rug", "tiles", "table-edge", "corner", "lawn", "shelf", "bench", "paving", "curved")
 """Each has a module of its name with a function `build`."""
 
 

@@ -11,7 +11,7 @@ from diga3d_warp.materials import masonry, wood
 from diga3d_warp.scene.synthetic.materials import Material
 from diga3d_warp.scene.synthetic.patterns import ground, tiles, walls
 from diga3d_warp.scene.synthetic.room import bookshelf, picture, potted_plant, side_table, sideboard
-from diga3d_warp.scene.synthetic.solids import Surface, ball, box, joined, panel, revolved, sheet
+from diga3d_warp.scene.synthetic.solids import WHITE, Surface, ball, box, joined, panel, revolved, sheet
 
 FINE_CELL, COARSE_CELL = 0.035, 0.3
 """Edges of the cells near the object and far from it [m]: the object's penumbras are some fine cells wide."""
@@ -52,7 +52,7 @@ def terrain(
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     cosine, sine = np.cos(np.radians(turn)), np.sin(np.radians(turn))
     uvs = np.stack([cosine * x + sine * y, cosine * y - sine * x], -1) / material.period
-    return sheet(np.stack([x, y, z], -1), normals, uvs, material, (1.0, 1.0, 1.0))
+    return sheet(np.stack([x, y, z], -1), normals, uvs, material, WHITE)
 
 
 def _lines(low: float, high: float, fine: float) -> np.ndarray:

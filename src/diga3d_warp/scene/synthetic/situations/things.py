@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
@@ -263,11 +263,11 @@ def some_things(
     stuff_of_other = str(rng.choice(KINDS[other_kind][1]))
     other = make(np.random.default_rng(other_shape), other_kind, stuff_of_other, tall)
     # As large as the object: a kind that is wide for its height comes out lower.
-    share = float(min(1.0, np.sqrt(np.prod(thing.size) / np.prod(other.size)) ** (2 / 3)))
+    share = float(min(height[1] / tall, np.cbrt(np.prod(thing.size) / np.prod(other.size))))
     other = make(np.random.default_rng(other_shape), other_kind, stuff_of_other, share * tall)
     return thing, recast, other
 
 
-def lifted(thing: Thing, offset: Sequence[float]) -> Thing:
-    """The thing elsewhere; `offset` in metres."""
-    return replace(thing, surface=thing.surface.moved(offset))
+def reach_back(things: Sequence[Thing]) -> float:
+    """How far things reach from the origin towards +y [m]."""
+    return max(float(thing.surface.vertices[:, 1].max()) for thing in things)
