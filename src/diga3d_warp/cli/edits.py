@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from diga3d_warp.cli.options import (
     add_exemplar,
+    add_fill,
     add_marks,
     add_prior,
     add_run_options,
@@ -29,6 +30,7 @@ def add_edits(commands: Commands) -> None:
     )
     add_run_options(remove)
     add_marks(remove)
+    add_fill(remove, "these become the references")
     add_prior(remove)
 
     retexture = commands.add(
@@ -65,6 +67,7 @@ def add_edits(commands: Commands) -> None:
     new.add_argument(
         "--asset", type=path, metavar="FILE", help="a mesh (.glb, .obj, .ply, .stl) or a splat .ply"
     )
+    add_fill(new, "they show the new object")
     add_exemplar(replace, "the one in --prompt")
     add_prior(replace)
 

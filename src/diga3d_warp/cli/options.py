@@ -102,6 +102,17 @@ def add_exemplar(command: argparse._ActionsContainer, in_place_of: str) -> None:
     )
 
 
+def add_fill(command: argparse._ActionsContainer, use: str) -> None:
+    command.add_argument(
+        "--fill",
+        action="append",
+        default=[],
+        metavar="VIEW=IMAGE|DIR",
+        help=f"a view as filled by another program, or a folder of such images named after views; {use} "
+        "(repeatable)",
+    )
+
+
 def add_prior(command: argparse.ArgumentParser) -> None:
     """Prior and method: the attributes of `pipelines.method.Choices`."""
     command.add_argument(

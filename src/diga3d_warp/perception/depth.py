@@ -128,13 +128,13 @@ class DepthEstimator:
 
     @staticmethod
     def if_downloaded() -> DepthEstimator | None:
-        """DPT-Large, or None where the Hugging Face cache does not hold it.
+        """DPT-Large, or None where the Hugging Face cache does not hold it, or the libraries are missing.
 
         Raises:
-            InputError: the libraries are missing, or the weights are broken.
+            InputError: the weights are broken.
         """
-        require_diffusion()
         try:
+            require_diffusion()
             locate(DPT)
         except InputError:
             return None

@@ -15,6 +15,7 @@ from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.pipelines import clearing, stages
 from diga3d_warp.pipelines.method import Method
+from diga3d_warp.pipelines.own_fills import NO_FILLS, Fills
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.propagation.appearance import propagate_appearance
@@ -38,13 +39,17 @@ def fill_views(
     prior: Prior,
     method: Method,
     seed: int,
+    own: Fills = NO_FILLS,
 ) -> list[Fill]:
-    """Fill the references, and warp their fills to all other views."""
+    """Fill the references, or take those that the user filled, and warp their fills to all other views."""
     cameras = [view.camera for view in views]
     together = method.propagation != "none"
+    given = {i: own[view.name] / np.float32(255.0) for i, view in enumerate(views) if view.name in own}
 
     def compute(folder: Path) -> None:
-        fills = fill_references(cameras, backgrounds, depths, references, prior, seed, together=together)
+        fills = fill_references(
+            cameras, backgrounds, depths, references, prior, seed, together=together, own=given
+        )
         _keep(folder, views, warp_fills(cameras, backgrounds, depths, references, fills))
 
     return read_fills(run.stage("fill", compute), views)

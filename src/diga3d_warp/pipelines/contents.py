@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from diga3d_warp.pipelines.method import Method
+from diga3d_warp.pipelines.own_fills import NO_FILLS, Fills
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.scene import Scene
@@ -16,7 +17,7 @@ from diga3d_warp.scene.scene import Scene
 
 def everything(
     scene: Scene, settings: object, seed: int, effects: Mapping[str, bool | int] | None,
-    prior: Prior | None = None, method: Method | None = None,
+    prior: Prior | None = None, method: Method | None = None, own: Fills = NO_FILLS,
 ) -> dict[str, Any]:  # fmt: skip
     """Collect the arguments of a task for `Run.hold_to`.
 
@@ -27,6 +28,7 @@ def everything(
         effects: Effects forced on or off by the user.
         prior: The prior, if the task has one.
         method: The method in use with the prior.
+        own: Reference views that the user filled.
     """
     return {
         "capture": capture_contents(scene),
@@ -35,6 +37,7 @@ def everything(
         "effects": dict(effects or {}),
         "prior": None if prior is None else prior_settings(prior),
         "method": method,
+        "fills": {name: _digest([pixels]) for name, pixels in own.items()},
     }
 
 

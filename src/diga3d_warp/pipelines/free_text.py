@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from diga3d_warp.errors import InputError
 from diga3d_warp.pipelines.method import PAPER, Choices, Method
 from diga3d_warp.priors.conditioning import Guidance
-from diga3d_warp.priors.named import BUILT_IN
+from diga3d_warp.priors.named import reads_prompts
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior, Task
 from diga3d_warp.priors.settings import SamplingSettings
 
@@ -57,7 +57,7 @@ class FreeText:
 
 def reads_free_text(choices: Choices) -> bool:
     """Whether the chosen prior understands any prompt, not only the built-in words."""
-    return choices.prior_name not in BUILT_IN
+    return reads_prompts(choices.prior_name)
 
 
 def check_built_in(choices: Choices) -> None:

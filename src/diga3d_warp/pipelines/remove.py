@@ -38,6 +38,7 @@ from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks
 from diga3d_warp.pipelines.method import Method, check_method, usual_method
+from diga3d_warp.pipelines.own_fills import NO_FILLS, Fills, read_fills
 from diga3d_warp.pipelines.request import EditRequest, EditResult
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
@@ -104,6 +105,7 @@ def remove_object(
     *,
     prior: Prior | None = None,
     marks: Marks = OWN_MASKS,
+    own: Fills = NO_FILLS,
     seed: int = 0,
     effects: Mapping[str, bool | int] | None = None,
 ) -> EditResult:
@@ -115,6 +117,7 @@ def remove_object(
         settings: Fits, masks and method.
         prior: Prior that inpaints what no view saw; `ExemplarPrior` if None.
         marks: Boxes or a prompt that mark the object; empty uses the masks of the scene.
+        own: Reference views that the user filled; they replace the prior's.
         seed: The same scene, settings and seed give the same bytes.
         effects: Effects forced on or off by the user, by name; the others are chosen from the scene.
 
@@ -125,10 +128,10 @@ def remove_object(
     settings = settings or RemoveSettings()
     prior = prior or ExemplarPrior()
     method = settings.method_for(prior)
-    run.hold_to(**everything(scene, settings, seed, effects, prior, method))
+    run.hold_to(**everything(scene, settings, seed, effects, prior, method, own))
     scene = marking.mark(run, scene, marks)
     stages.check_edit(scene, method.references)
-    taken = take_out(scene, run, settings, prior, marks, seed, effects)
+    taken = take_out(scene, run, settings, prior, marks, seed, effects, own)
     stages.show_views(run, taken.scene, taken.source, taken.gaussians)
     edited, source = stages.finish(run, taken.stage)
     return EditResult(edited, run, source)
@@ -159,7 +162,7 @@ class TakenOut:
 
 def take_out(
     scene: Scene, run: Run, settings: RemoveSettings, prior: Prior, marks: Marks, seed: int,
-    effects: Mapping[str, bool | int] | None,
+    effects: Mapping[str, bool | int] | None, own: Fills = NO_FILLS,
 ) -> TakenOut:  # fmt: skip
     """The stages of a removal, from the fit to the filled hole; arguments as `remove_object`."""
     method = settings.method_for(prior)
@@ -177,8 +180,8 @@ def take_out(
     backgrounds, depths = clearing.look_behind(run, views, edit_masks, cleared)
     unseen = [at.unseen for at in backgrounds]
     holes = unseen if any(hole.any() for hole in unseen) else [edit_masks[view.name] for view in views]
-    references = stages.choose_references(run, views, holes, method, seed)
-    fills = coarse.fill_views(run, views, backgrounds, depths, references, prior, method, seed)
+    references = stages.choose_references(run, views, holes, method, seed, own)
+    fills = coarse.fill_views(run, views, backgrounds, depths, references, prior, method, seed, own)
     fills = coarse.propagate(run, views, backgrounds, depths, fills, references, prior, method, seed)
     edited = coarse.refit(
         run, views, cleared, backgrounds, fills, references, scene.extent, settings.refit, seed
@@ -215,12 +218,15 @@ def remove(
     method = request.choose_method(prior)
     marks = request.marks()
     capture = request.load()
+    own = read_fills(request.fill, capture)
+    if own:
+        method = replace(method, references=len(own))
     settings = settings or remove_settings(capture, request, method)
     method = settings.method_for(prior)
     stages.check_edit(marking.quick_masks(capture, marks), method.references)
     run = request.open_edit("remove", capture, settings.fit.iterations, marks, method)
     result = remove_object(
-        capture, run, settings, prior=prior, marks=marks, seed=request.seed, effects=request.effects
+        capture, run, settings, prior=prior, marks=marks, own=own, seed=request.seed, effects=request.effects
     )
     conclude(run, capture)
     return result

@@ -122,6 +122,8 @@ class EditRequest(FitRequest, Choices):
         prompt: The new material of `retexture`, the new object of `replace`.
         exemplar: A picture of the material, in place of the one in the prompt.
         asset: A mesh or splat that `replace` puts in the object's place.
+        fill: Reference views as filled by another program: each VIEW=IMAGE, or a folder of images named after
+            views.
     """
 
     mask_boxes: Sequence[Sequence[str | int]] = ()
@@ -130,6 +132,7 @@ class EditRequest(FitRequest, Choices):
     prompt: str | None = None
     exemplar: str | Path | None = None
     asset: str | Path | None = None
+    fill: Sequence[str | Path] = ()
 
     def marks(self) -> Marks:
         """The marks of the object.
@@ -155,7 +158,7 @@ class EditRequest(FitRequest, Choices):
         Raises:
             InputError: one of them is set.
         """
-        unread = [name for name in names if getattr(self, name) is not None]
+        unread = [name for name in names if getattr(self, name) not in (None, ())]
         if unread:
             raise InputError(f"{command} does not take {' and '.join(unread)}: leave it out")
 

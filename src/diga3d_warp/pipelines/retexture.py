@@ -184,7 +184,7 @@ def retexture(
         TypeError: an option is unknown.
     """
     request = EditRequest(scene=scene, prompt=prompt, out=out, **options)
-    request.refuse("retexture", "asset")
+    request.refuse("retexture", "asset", "fill")
     words, exemplar = prompt or "", optional_path(request.exemplar)
     prior = _prior(request, words, exemplar)
     method = replace(WARPED, references=request.references, selection=request.selection)

@@ -29,10 +29,12 @@ from diga3d_warp.gaussians.target import Target
 from diga3d_warp.gaussians.thinning import thinned
 from diga3d_warp.gaussians.working import to_user, to_working
 from diga3d_warp.pipelines.method import Method
+from diga3d_warp.pipelines.own_fills import NO_FILLS, Fills
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.propagation.references import (
     References,
     check_reference_count,
+    given_references,
     select_references,
     usable_views,
 )
@@ -195,15 +197,17 @@ def masked_views(scene: Scene) -> list[View]:
 
 
 def choose_references(
-    run: Run, views: Sequence[View], areas: Sequence[np.ndarray], method: Method, seed: int
-) -> References:
-    """K references by k-means on camera centres, or at random, among the views that show what is edited.
+    run: Run, views: Sequence[View], areas: Sequence[np.ndarray], method: Method, seed: int,
+    own: Fills = NO_FILLS,
+) -> References:  # fmt: skip
+    """The views that the user filled; else K references by k-means on camera centres, or at random.
 
     Args:
         run: Run folder that receives the stage.
         views: Training views.
         areas: Where each of them is edited, shape (H, W), bool.
         method: Number of references, and how they are chosen.
+        own: Views that the user filled.
         seed: Seed of k-means or of the draw.
 
     Raises:
@@ -213,8 +217,12 @@ def choose_references(
     def compute(folder: Path) -> None:
         centers = np.stack([view.camera.center for view in views])
         usable = usable_views(areas)
-        chosen = select_references(centers, method.references, seed, method.selection, usable)
-        if len(chosen.indices) < method.references:
+        filled = [index for index, view in enumerate(views) if view.name in own]
+        if filled:
+            chosen = given_references(centers, filled)
+        else:
+            chosen = select_references(centers, method.references, seed, method.selection, usable)
+        if not filled and len(chosen.indices) < method.references:
             run.note(
                 f"{len(chosen.indices)} of {len(views)} views show enough of the object to be references; "
                 f"{method.references} were asked for"

@@ -18,6 +18,15 @@ BUILT_IN = ("exemplar", "classical")
 _OTHERS = "lama, sd-inpainting, powerpaint, an .onnx file of LaMa, or a folder in diffusers format"
 
 
+def reads_prompts(name: str) -> bool:
+    """Whether the prior of this name understands any prompt, not only the built-in words."""
+    return name not in BUILT_IN and not _is_lama(name)
+
+
+def _is_lama(name: str) -> bool:
+    return name == "lama" or Path(name).suffix.lower() == ".onnx"
+
+
 def load_prior(
     name: str,
     *,
@@ -46,7 +55,7 @@ def load_prior(
         return ClassicalPrior()
     if name == "exemplar":
         return ExemplarPrior(negative=negative)
-    if name == "lama" or Path(name).suffix.lower() == ".onnx":
+    if _is_lama(name):
         return load_lama(name)
     from diga3d_warp.priors.stable_diffusion.load import PRIORS, load_stable_diffusion
 

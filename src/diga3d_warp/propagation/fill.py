@@ -7,8 +7,9 @@ and from other references what that one does not show.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import torch
@@ -50,6 +51,7 @@ def fill_references(
     seed: int,
     *,
     together: bool = True,
+    own: Mapping[int, np.ndarray] = MappingProxyType({}),
 ) -> list[Fill]:
     """Fill the references one after another, in the order given.
 
@@ -61,9 +63,13 @@ def fill_references(
         prior: Fills what no view saw.
         seed: Seed of the prior.
         together: Whether the fills of earlier references are warped in first.
+        own: Views that the user filled, RGB (H, W, 3), float32 in [0, 1], by index: taken as they are.
     """
     fills: list[Fill] = []
     for index in references.indices:
+        if index in own:
+            fills.append(_own_fill(own[index], backgrounds[index], depths[index]))
+            continue
         earlier = _sources(fills if together else [], cameras, depths, references)
         known = _take(backgrounds[index], cameras[index], earlier)
         invented = known.missing
@@ -75,6 +81,15 @@ def fill_references(
         surface = np.where(unseen, depth, 0.0).astype(np.float32)
         fills.append(Fill(image, surface, unseen, invented, np.zeros_like(unseen)))
     return fills
+
+
+def _own_fill(image: np.ndarray, background: Background, depth: np.ndarray) -> Fill:
+    """The user's fill where no view saw the background, on the surface that its surroundings continue."""
+    hole = background.unseen
+    near = near_layer(depth, hole) if hole.any() else None
+    surface = np.where(hole, complete_layers(depth, hole, near), 0.0).astype(np.float32)
+    shown = np.where(hole[..., None], image, background.image).astype(np.float32)
+    return Fill(shown, surface, hole, hole, np.zeros_like(hole))
 
 
 def invent(

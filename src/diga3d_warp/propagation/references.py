@@ -85,10 +85,21 @@ def select_references(
         indices = among[generator.choice(len(among), count, replace=False)]
     else:
         raise InputError(f"reference method {method!r} is unknown: use 'kmeans' or 'random'")
-    cluster = _distances(centers, centers[indices]).argmin(1)
-    cluster[indices] = np.arange(count)  # cameras at one place: each reference stands for itself
-    order = np.argsort(-np.bincount(cluster, minlength=count), kind="stable")
-    return References([int(i) for i in indices[order]], np.argsort(order)[cluster])
+    return given_references(centers, indices)
+
+
+def given_references(centers: np.ndarray, indices: Sequence[int]) -> References:
+    """References that were chosen already; every view follows the nearest.
+
+    Args:
+        centers: Camera centres in world space [scene units], shape (N, 3).
+        indices: Which views are references, at least one.
+    """
+    centers, chosen = np.asarray(centers, np.float64), np.asarray(indices)
+    cluster = _distances(centers, centers[chosen]).argmin(1)
+    cluster[chosen] = np.arange(len(chosen))  # cameras at one place: each reference stands for itself
+    order = np.argsort(-np.bincount(cluster, minlength=len(chosen)), kind="stable")
+    return References([int(i) for i in chosen[order]], np.argsort(order)[cluster])
 
 
 def usable_views(areas: Sequence[np.ndarray]) -> list[bool]:
