@@ -22,7 +22,6 @@ from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines.coarse import read_fills, targets_of
 from diga3d_warp.pipelines.demo import HOLD_OUT, RUN, SCENE, TRUTH
 from diga3d_warp.pipelines.fine import guided_targets
-from diga3d_warp.pipelines.stages import read_mask, read_picture
 from diga3d_warp.priors.distillation import DistillationSettings, TextureGeometryGuide
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.guidance import guided_noise
@@ -30,6 +29,7 @@ from diga3d_warp.propagation.references import References
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.photographs.images import read_image
 from diga3d_warp.splatting.render import render
+from diga3d_warp.state import read_mask, read_picture
 
 SHARES = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.98)
 """Timesteps [share of the schedule]: the range that score distillation draws from."""

@@ -25,9 +25,9 @@ from diga3d_warp.pipelines.replace import SETTLE, ReplaceSettings, replace_objec
 from diga3d_warp.pipelines.request import EditResult
 from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retexture_object
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.pipelines.stages import read_mask
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.splatting.render import render
+from diga3d_warp.state import read_mask
 
 
 @pytest.fixture(scope="session")

@@ -14,13 +14,13 @@ from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.pipelines import coarse, fine
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.pipelines.stages import read_mask
 from diga3d_warp.priors.distillation import DistillationSettings
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.windows import Windows
 from diga3d_warp.propagation.references import References
 from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.splatting.render import render
+from diga3d_warp.state import read_mask
 from scenes import camera_at, random_gaussians
 
 
