@@ -15,8 +15,10 @@ from tiny_removal import SETTINGS, Removed, stage_splat
 
 from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
-from diga3d_warp.evaluation.record import run_effects
+from diga3d_warp.evaluation.record import read_manifest, run_effects
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.working import to_working
+from diga3d_warp.pipelines.clearing import lift_object
 from diga3d_warp.pipelines.method import PAPER
 from diga3d_warp.pipelines.remove import REFIT, RemoveSettings, remove_object
 from diga3d_warp.pipelines.run import Run
@@ -137,6 +139,23 @@ def test_too_many_references_are_refused_before_anything_is_fitted(removed, tmp_
     said = f"{count} references cannot be chosen from 7 views: ask for 1 to 7"
     refused(removed.scene, tmp_path / "run", said, settings)
     assert sorted(entry.name for entry in (tmp_path / "run").iterdir()) == [".lock", "manifest.json"]
+
+
+def test_masks_of_other_photographs_are_noted(removed, tmp_path):
+    scene, source = removed.working, stage_splat(removed.result.run, "fit")
+    source = to_working(source, removed.result.run.frame)
+    masks = {view.name: view.mask for view in scene.views}
+    strays = [scene.views[1].name, scene.views[4].name]
+    notes = []
+    for wrong in ([], strays):
+        run = Run(tmp_path / f"run{len(wrong)}", "remove", {})
+        run.effects = removed.result.run.effects
+        given = {name: np.roll(mask, 40, axis=1) if name in wrong else mask for name, mask in masks.items()}
+        lift_object(run, scene, given, source, SETTINGS.lift, SETTINGS.masking)
+        notes.append(read_manifest(run.folder)["notes"])
+    assert notes[0] == []
+    assert len(notes[1]) == 1 and "masks of 2 views do not lie on the object" in notes[1][0]
+    assert all(name in notes[1][0] for name in strays)
 
 
 @pytest.mark.parametrize(("value", "said"), [(False, "to no gaussian"), (True, "to every gaussian seen")])

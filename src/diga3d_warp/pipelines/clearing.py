@@ -11,11 +11,12 @@ import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import write_array, write_image, write_json
-from diga3d_warp.gaussians.lift import LiftSettings, object_mask, object_rows, vote
+from diga3d_warp.gaussians.lift import LiftSettings, lies_elsewhere, object_mask, object_rows, vote
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.pipelines.stages import GAUSSIANS, LIFT
 from diga3d_warp.propagation.unseen import Background, observe_behind
+from diga3d_warp.scene.photographs.names import listed
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_array, read_mask, read_picture, read_plane
@@ -90,11 +91,18 @@ def lift_object(
             )
         if rows[votes.total > settings.faint].all():
             raise InputError(f"{scene.path}: the masks lift to every gaussian seen; mask the object only")
+        elsewhere = []
         for view in [*scene.views, *scene.test_views]:
-            mask = object_masks.get(view.name)
-            if mask is None:
-                mask = object_mask(source, view.camera, rows, settings, run.effects)
+            shown = object_mask(source, view.camera, rows, settings, run.effects)
+            mask = object_masks.get(view.name, shown)
+            if lies_elsewhere(mask, shown, settings):
+                elsewhere.append(view.name)
             write_image(folder / "masks" / f"{view.name}.png", widened(mask, masking))
+        if elsewhere:
+            run.note(
+                f"the masks of {len(elsewhere)} views do not lie on the object that all masks together mark: "
+                f"{listed(elsewhere)}; do they belong to these photographs?"
+            )
         write_array(folder / "object.npy", rows)
 
     folder = run.stage(LIFT, compute)
