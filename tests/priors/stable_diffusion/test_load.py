@@ -172,7 +172,7 @@ def test_an_ip_adapter_that_does_not_fit(checkpoints, tmp_path):
 
 
 def test_libraries_that_are_not_installed(checkpoints, monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr("diga3d_warp.checkpoints.find_spec", lambda name: None)
     assert line(checkpoints / "sd").endswith("not installed: pip install 'diga3d-warp[diffusion]'")
 
 
