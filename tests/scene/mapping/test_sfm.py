@@ -102,3 +102,10 @@ def test_points_are_in_the_order_of_their_features_whatever_order_colmap_keeps()
         assert found.positions[:, 0].tolist() == [1.0, 2.0, 3.0]
         assert found.colors[:, 0].tolist() == [1, 2, 3]
         assert found.tracks == [{"1", "3"}, {"1", "2"}, {"2", "3"}]
+
+
+def test_what_adds_observations_runs_on_one_thread_from_a_seed():
+    """On several, the same bytes come out mostly, not always."""
+    options = sfm._mapping()
+    assert options.num_threads == options.mapper.num_threads == 1
+    assert {options.random_seed, options.mapper.random_seed, options.triangulation.random_seed} == {0}
