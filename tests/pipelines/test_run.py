@@ -157,6 +157,17 @@ def test_resume_with_another_version_is_noted(tmp_path):
     assert "begun with 0.1" in read_manifest(tmp_path)["notes"][0]
 
 
+def test_the_peak_of_a_run_is_that_of_the_process(tmp_path):
+    """Reading the capture counts, too, which is no stage."""
+    block = bytearray(200 << 20)
+    run = Run(tmp_path, "fit", {})
+    del block
+    run.stage("fit", lambda folder: None)
+    manifest = read_manifest(tmp_path)
+    assert manifest["peak_mib"] >= manifest["reading_mib"] > 200
+    assert manifest["peak_mib"] >= manifest["stages"][0]["peak_mib"] > 0
+
+
 def test_the_version_of_the_code_changes_with_its_files(tmp_path, monkeypatch):
     (tmp_path / "__init__.py").write_text("")
     (tmp_path / "kernels").mkdir()
