@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 
 import torch
 
@@ -13,7 +14,6 @@ from diga3d_warp.pipelines.clearing import widened
 from diga3d_warp.pipelines.demo import TRUTH
 from diga3d_warp.pipelines.remove import RemoveSettings
 from diga3d_warp.pipelines.request import EditResult
-from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.photographs.images import read_image
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.scene.synthetic.generate import SyntheticScene
@@ -30,12 +30,14 @@ CAPTURED = ("effects", "fit", "lift", "clear", "look-behind")
 """Stages of a removal that depend on the capture and its masks only, not on how the hole is filled."""
 
 
-def share_stages(source: Run, target: Run, names: Iterable[str] = CAPTURED) -> None:
-    """Give a run the finished stages of another, those of the given names that it has."""
+def share_stages(source: Path, target: Path, names: Iterable[str] = CAPTURED) -> None:
+    """Give a run folder the finished stages of another: those of the given names that it lacks."""
     for name in names:
-        stage = source.folder / "stages" / name
-        if stage.is_dir():
-            shutil.copytree(stage, target.folder / "stages" / name)
+        stage, copy = source / "stages" / name, target / "stages" / name
+        if stage.is_dir() and not copy.exists():
+            partial = copy.with_name(f".{name}.copy")
+            shutil.copytree(stage, partial, dirs_exist_ok=True)
+            partial.rename(copy)
 
 
 def true_picture(scene: Scene, view: View) -> torch.Tensor:

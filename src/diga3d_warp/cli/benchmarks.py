@@ -10,6 +10,7 @@ from typing import Any
 
 from diga3d_warp.cli.parsing import Commands, path, positive_int
 from diga3d_warp.errors import InputError
+from diga3d_warp.scene.synthetic.situations.catalogue import SITUATIONS
 
 
 def add_benchmarks(commands: Commands) -> None:
@@ -65,6 +66,16 @@ def add_benchmarks(commands: Commands) -> None:
         "Remove an object from a synthetic room, leaving out one part of the method at a time.",
     )
     _add_count(ablation, "--seeds", 3, "edits of each variant, each with another seed")
+
+
+def situations(text: str) -> tuple[str, ...]:
+    names = tuple(text.split(","))
+    unknown = [name for name in names if name not in SITUATIONS]
+    if unknown:
+        raise argparse.ArgumentTypeError(
+            f"no situation is called {unknown[0]!r}: use {', '.join(SITUATIONS)}"
+        )
+    return tuple(dict.fromkeys(names))
 
 
 REPEATS = "times each measurement is repeated"
@@ -144,4 +155,18 @@ def _ablation(out: Path, seeds: int) -> int:
     for table in bench_ablation(out, seeds):
         print(table.text())
     print(out / "ablation.md")
+    return 0
+
+
+def _fill(
+    out: Path, situations: tuple[str, ...], seeds: int, size: tuple[int, int], views: int, work: Path
+) -> int:
+    from diga3d_warp.bench.fill.captures import Captures
+    from diga3d_warp.bench.fill.page import bench_fill
+
+    width, height = size
+    captures = Captures(situations, seeds, width, height, views)
+    for table in bench_fill(out, work, captures):
+        print(table.text())
+    print(out / "fill.md")
     return 0

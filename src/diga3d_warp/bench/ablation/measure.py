@@ -10,22 +10,24 @@ import numpy as np
 import torch
 
 from diga3d_warp.bench.ablation.trials import Trial
-from diga3d_warp.bench.room import BUDGET, CAPTURED, against_truth, share_stages, true_picture
+from diga3d_warp.bench.room import BUDGET, against_truth, share_stages, true_picture
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.consistency import depth_errors, disagreement
 from diga3d_warp.evaluation.metrics import Score
 from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.pipelines.coarse import read_fills
 from diga3d_warp.pipelines.demo import TRUTH
 from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings, remove_object
 from diga3d_warp.pipelines.request import EditResult
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.named import BUILT_IN, load_prior
 from diga3d_warp.priors.protocol import Prior
+from diga3d_warp.propagation.fill import Fill
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.scene import Scene
 from diga3d_warp.splatting.render import render
-from diga3d_warp.state import read_arrays, read_mask, read_picture
+from diga3d_warp.state import read_mask
 
 SETTINGS = RemoveSettings(
     fit=FitSettings(iterations=600, budget=BUDGET),
@@ -180,9 +182,9 @@ def measure(
         for seed in range(seeds):
             run = Run(folder / f"{index}-{seed}", "remove", {"scene": scene.path})
             if captured is not None:
-                share_stages(captured, run, CAPTURED)
+                share_stages(captured.folder, run.folder)
             if (trial.coarse, seed) in begun:
-                share_stages(begun[trial.coarse, seed], run, COARSE)
+                share_stages(begun[trial.coarse, seed].folder, run.folder, COARSE)
             result = remove_object(scene, run, replace(settings, method=trial.method), prior=prior, seed=seed)
             captured = captured or run
             begun.setdefault((trial.coarse, seed), run)
@@ -191,14 +193,17 @@ def measure(
     return Truth.of(scene, captured), outcomes
 
 
+def final_fills(result: EditResult, scene: Scene) -> list[Fill]:
+    """The views as they are filled before any fit."""
+    stages = result.run.folder / "stages"
+    return read_fills(stages / ("propagate" if (stages / "propagate").is_dir() else "fill"), scene.views)
+
+
 def outcome_of(scene: Scene, result: EditResult, settings: RemoveSettings, truth: Truth) -> Outcome:
     """The figures of a finished removal."""
-    stages = result.run.folder / "stages"
-    filled = stages / ("propagate" if (stages / "propagate").is_dir() else "fill")
     images, regions = [], []
-    for view, unseen in zip(scene.views, truth.unseen, strict=True):
-        missing = read_arrays(filled / f"{view.name}.npz")["missing"]
-        picture = read_picture(filled / f"{view.name}.png")
+    for fill, unseen in zip(final_fills(result, scene), truth.unseen, strict=True):
+        missing, picture = fill.missing, fill.image
         images.append(np.where(missing[..., None], np.float32(0.5), picture))
         regions.append(unseen & ~missing)
     colors, depths = zip(*(_seen(result, view.camera) for view in scene.views), strict=True)

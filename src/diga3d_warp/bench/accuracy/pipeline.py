@@ -112,7 +112,7 @@ def outcomes_of(scene: Scene, folder: Path) -> Iterator[tuple[Trial, Outcome]]:
     for index, trial in enumerate(dict.fromkeys([USUAL, *chain(*KNOBS.values())])):
         run = Run(folder / str(index), "remove", {"scene": scene.path})
         if usual is not None and trial.iterations == USUAL.iterations:
-            share_stages(usual, run)
+            share_stages(usual.folder, run.folder)
         usual = usual or run
         result = remove_object(scene, run, trial.settings, prior=trial.prior, seed=trial.seed)
         seconds = {stage["name"]: stage["seconds"] for stage in read_manifest(run.folder)["stages"]}
