@@ -168,7 +168,7 @@ def test_a_capture_has_the_usual_layout_and_captions(capture):
 
 def test_test_views_are_from_elsewhere_and_without_the_object(capture):
     folder = capture / "ground_truth" / "elsewhere"
-    test = load_cameras(folder / "cameras.json").test
+    test = load_cameras(folder / "views.json").test
     assert len(test) == TEST_VIEWS
     taken = np.stack([view.camera.center for view in load_scene(capture, hold_out=0).views])
     for name, camera in test.items():

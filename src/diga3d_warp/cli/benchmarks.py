@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from diga3d_warp.cli.parsing import Commands, path, positive_int
+from diga3d_warp.cli.parsing import Commands, path, positive_int, size
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.synthetic.situations.catalogue import SITUATIONS
 
@@ -66,6 +66,33 @@ def add_benchmarks(commands: Commands) -> None:
         "Remove an object from a synthetic room, leaving out one part of the method at a time.",
     )
     _add_count(ablation, "--seeds", 3, "edits of each variant, each with another seed")
+    fill = _add(
+        benchmarks,
+        "fill",
+        _fill,
+        "quality of fills where no photograph shows the background",
+        "Remove the object of synthetic situations by each method, and compare with the truth. "
+        "If interrupted, it goes on where it was.",
+    )
+    fill.add_argument(
+        "--situations",
+        type=situations,
+        default=SITUATIONS,
+        metavar="NAME,...",
+        help=f"(default all: {','.join(SITUATIONS)})",
+    )
+    _add_count(fill, "--seeds", 3, "captures of each situation")
+    fill.add_argument(
+        "--size", type=size, default=(160, 120), metavar="WxH", help="of the captures (default 160x120)"
+    )
+    _add_count(fill, "--views", 16, "views of a capture, every 4th held out")
+    fill.add_argument(
+        "--work",
+        type=path,
+        default=Path("run/bench_fill"),
+        metavar="DIR",
+        help="folder of captures and figures; what it holds is not measured again (default run/bench_fill)",
+    )
 
 
 def situations(text: str) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from diga3d_warp.evaluation.metrics import compare, mean_scores
 from diga3d_warp.evaluation.record import MANIFEST
 from diga3d_warp.files import to_bytes, write_image, write_json
 from diga3d_warp.pipelines.clearing import widened
-from diga3d_warp.pipelines.remove import RemoveSettings, remove_object
+from diga3d_warp.pipelines.remove import remove_object
 from diga3d_warp.pipelines.run import Run, say
 from diga3d_warp.priors.protocol import Prior
 from diga3d_warp.propagation.references import select_references, usable_views
@@ -29,6 +29,9 @@ from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
 from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_state
+
+SHOWN = 0.6
+"""Share of an image's width and height that a picture shows."""
 
 
 def picture_path(folder: Path, place: tuple[str, int], name: str) -> Path:
@@ -81,8 +84,9 @@ class Cell:
         scene = load_scene(capture, hold_out=HOLD_OUT)
         truth = truth_of(scene)
         shown = int(np.argmax([unseen.sum() for unseen in truth.unseen]))
-        write_image(self._path("photograph", "png"), scene.views[shown].image.numpy())
-        write_image(self._path("truth", "png"), truth.images[shown])
+        window = _window(scene.views[shown])
+        write_image(self._path("photograph", "png"), scene.views[shown].image.numpy()[window])
+        write_image(self._path("truth", "png"), truth.images[shown][window])
         for name, method in methods.items():
             say(f"{self.situation}, seed {self.seed}: {name}")
             if isinstance(method, Removal):
@@ -90,8 +94,8 @@ class Cell:
             else:
                 figures, filled = self._each_view(scene, truth, method, shown)
                 rendered = filled
-            write_image(self._path(f"{name} filled", "png"), filled)
-            write_image(self._path(f"{name} rendered", "png"), rendered)
+            write_image(self._path(f"{name} filled", "png"), filled[window])
+            write_image(self._path(f"{name} rendered", "png"), rendered[window])
             write_json(self._path(name, "json"), figures)
         shutil.rmtree(self.folder / "runs", ignore_errors=True)
 
@@ -105,9 +109,7 @@ class Cell:
         run = Run(folder, "remove", {"scene": scene.path}, resume=(folder / MANIFEST).exists())
         captured = self.folder / "captured"  # the fit of the capture serves all methods
         share_stages(captured, folder)
-        own = {}
-        if method.true_references:
-            own = self._true_references(scene, truth, settings)
+        own = self._given(scene, truth, method)
         result = remove_object(scene, run, settings, prior=prior, seed=self.seed, own=own)
         share_stages(folder, captured)
         outcome = outcome_of(scene, result, settings, truth)
@@ -131,15 +133,17 @@ class Cell:
             rendered = render(result.gaussians, view.camera, effects=result.run.effects).color
         return figures, outcome.fills[view.name], rendered.clamp(0.0, 1.0).numpy()
 
-    def _true_references(self, scene: Scene, truth: Truth, settings: RemoveSettings) -> dict[str, np.ndarray]:
-        """True images of the references that the method would choose."""
-        method = settings.method
-        assert method is not None
-        centers = np.stack([view.camera.center for view in scene.views])
-        chosen = select_references(
-            centers, method.references, self.seed, method.selection, usable_views(truth.unseen)
-        )
-        return {scene.views[i].name: to_bytes(truth.images[i]) for i in chosen.indices}
+    def _given(self, scene: Scene, truth: Truth, removal: Removal) -> dict[str, np.ndarray]:
+        """True images of the references that the method would choose, of all views, or none."""
+        if removal.given == "none":
+            return {}
+        indices: Sequence[int] = range(len(scene.views))
+        if removal.given == "references":
+            method, usable = removal.method, usable_views(truth.unseen)
+            centers = np.stack([view.camera.center for view in scene.views])
+            chosen = select_references(centers, method.references, self.seed, method.selection, usable)
+            indices = chosen.indices
+        return {scene.views[i].name: to_bytes(truth.images[i]) for i in indices}
 
     def _each_view(
         self, scene: Scene, truth: Truth, method: PerView, shown: int
@@ -170,6 +174,19 @@ class Cell:
     def _widened(self, view: View) -> np.ndarray:
         assert view.mask is not None, "the generator writes a mask for each view"
         return widened(view.mask, self.captures.settings.masking)
+
+
+def _window(view: View) -> tuple[slice, slice]:
+    """Rows and columns about the object: `SHOWN` of each side, of one size for all captures."""
+    assert view.mask is not None, "the generator writes a mask for each view"
+    spans = []
+    for axis in (1, 0):
+        (where,) = np.nonzero(view.mask.any(axis))
+        side = view.mask.shape[1 - axis]
+        length = round(SHOWN * side)
+        start = int(np.clip((where[0] + where[-1] + 1 - length) // 2, 0, side - length))
+        spans.append(slice(start, start + length))
+    return spans[0], spans[1]
 
 
 def _finite(value: float) -> float | None:

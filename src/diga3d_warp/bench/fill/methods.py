@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import torch
 
@@ -21,12 +22,13 @@ class Removal:
     Attributes:
         prior: As `priors.named.load_prior` takes it.
         method: Options of the method.
-        true_references: Whether the references are given filled with the truth, as `--fill` takes them.
+        given: Views that are given as they truly are, as `--fill` takes them: "none", the "references", or
+            "all" fitted views.
     """
 
     prior: str = "exemplar"
     method: Method = WARPED
-    true_references: bool = False
+    given: Literal["none", "references", "all"] = "none"
 
 
 METHODS: Mapping[str, PerView | Removal] = {
@@ -35,9 +37,10 @@ METHODS: Mapping[str, PerView | Removal] = {
     "classical": Removal("classical"),
     "exemplar": Removal("exemplar"),
     "lama": Removal("lama"),
-    "true references": Removal("classical", true_references=True),
+    "true references": Removal("classical", given="references"),
+    "true views": Removal("classical", given="all"),
 }
-"""Methods by name. The last is the ceiling: true images at the references, given by `--fill`."""
+"""Methods by name. The last two are ceilings: of what propagation makes of true references, and of the refit."""
 
 PICTURED = "exemplar"
 """The method whose best and worst captures are shown."""

@@ -137,30 +137,30 @@ def explained(captures: Captures, priors: Mapping[str, Prior | str], results: Re
         for name, prior in priors.items()
         if isinstance(prior, str)
     )
-    ceiling = list(METHODS)[-1]
     settings = captures.settings
     references = settings.method.references if settings.method else Removal().method.references
     return f"""\
-The object of synthetic [situations](../situations.md) is removed, each with {captures.seeds} seed(s), which
-vary layout, materials, cameras and light; the object casts no shadow, since masks do not hold it. The captures
-have {captures.width} x {captures.height} px and {captures.views} views, every {HOLD_OUT}th held out. All methods
-share one fit of each capture, of {settings.fit.iterations} iterations; the hole is fitted in
-{settings.refit.iterations}. A cell is mean ± sample deviation; over all captures, most of the deviation is that
-between the captures.
+The object of synthetic [situations](../situations.md) is removed, each with {captures.seeds} seed(s),
+which vary layout, materials, cameras and light; the object casts no shadow, since masks do not hold it.
+The captures have {captures.width} x {captures.height} px and {captures.views} views, every {HOLD_OUT}th held
+out. All methods share one fit of each capture, of {settings.fit.iterations} iterations; the hole is fitted
+in {settings.refit.iterations}. A cell is mean ± sample deviation; over all captures, most of the deviation
+is that between the captures.
 
 - **unseen**: pixels of the fitted views where no photograph shows what is behind the object, by the exact
   depth; of the filled views before any fit. Contrast is the deviation of colours there, in shares of the
-  truth's: a fill that blurs is nearer to the truth than a sharp one out of place. **no fill**: the share that
-  no fill reached, which the figures leave out.
+  truth's: a fill that blurs is nearer to the truth than a sharp one out of place. **no fill**: the share
+  that no fill reached, which the figures leave out.
 - **disagreement**: unseen pixels of the filled views, warped along the true depth into the neighbours: mean
   absolute difference [levels of 255]. Flat fills agree well.
-- **masked**: held-out views of the splat within the widened masks, against the truth; of the two fills of each
-  view alone, those views filled in the same way.
+- **masked**: held-out views of the splat within the widened masks, against the truth; of the two fills of
+  each view alone, those views filled in the same way.
 - **depth error**: median of |z - z*| / z* of the rendered views in unseen pixels.
 - **elsewhere**: views without the object from other places than the cameras', whole images.
 - **edit**: from the choice of references to the finished splat; for fills of each view, of all fitted views.
-- **{ceiling}**: {references} references are given as they truly are, as `--fill` takes them: what is lost then is
-  lost by propagation and refit.
+- **true references**, **true views**: {references} references, or all fitted views, are given as they truly
+  are, as `--fill` takes them. What true references lose against true views is lost by propagation; what those
+  lose, by the splat.
 {missing}
 The pictures show the captures where {PICTURED} is best (upper two rows) and worst (lower two) by PSNR of
 unseen pixels: the view with the most of them, as filled and as rendered from the edited splat.

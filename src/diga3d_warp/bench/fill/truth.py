@@ -99,7 +99,7 @@ def psnr_elsewhere(scene: Scene, gaussians: Gaussians, run: Run) -> float:
     """Of the views without the object from other places, whole images, mean [dB]."""
     folder = scene.path / ELSEWHERE
     figures = []
-    for name, camera in load_cameras(folder / "cameras.json").test.items():
+    for name, camera in load_cameras(folder / "views.json").test.items():
         true = torch.from_numpy(read_image(folder / "images" / f"{name}.png")).float() / 255.0
         with torch.no_grad():
             shown = render(gaussians, camera, effects=run.effects).color.clamp(0.0, 1.0)

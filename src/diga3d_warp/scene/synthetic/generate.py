@@ -72,7 +72,7 @@ def generate(settings: SyntheticScene, folder: Path | str, progress: bool = Fals
     without_object/*.png, other_object/*.png (a golden ball), other_material/*.png (marble), depth/*.npy and
     depth_without_object/*.npy (z depth [m], float32); scene.json with the settings. Of a situation also
     captions.json, what the images show in words, and ground_truth/elsewhere/: views without the object from
-    other places, as images/*.png, depth/*.npy and cameras.json.
+    other places, as images/*.png, depth/*.npy and views.json (cameras, in the form of cameras.json).
 
     Args:
         settings: What to make.
@@ -126,12 +126,12 @@ def _write_capture(settings: SyntheticScene, folder: Path, progress: bool) -> No
 
 
 def _write_test_views(stage: Stage, cameras: Mapping[str, Camera], supersampling: int, folder: Path) -> None:
-    """Views from other places without the object: images/, depth/ and cameras.json."""
+    """Views from other places without the object: images/, depth/, and their cameras in views.json."""
     for name, camera in cameras.items():
         image, depth = take_alone(stage, camera, supersampling)
         _write_png(folder / "images" / f"{name}.png", image)
         _write_npy(folder / "depth" / f"{name}.npy", depth)
-    save_cameras(folder / "cameras.json", CameraSet({}, cameras))
+    save_cameras(folder / "views.json", CameraSet({}, cameras))
 
 
 def _write_shot(shot: Shot, folder: Path, name: str) -> None:
