@@ -101,12 +101,13 @@ class Truth:
         )
 
     def psnr(self, images: Sequence[np.ndarray], regions: Sequence[np.ndarray]) -> float:
-        """Of images of the fitted views within regions, all of them taken together [dB]."""
+        """Of images of the fitted views within regions, all together [dB]; infinite for equal ones."""
         parts = [
             (image[where] - true[where]).astype(np.float64).ravel()
             for image, true, where in zip(images, self.images, regions, strict=True)
         ]
-        return -10.0 * float(np.log10(np.square(np.concatenate(parts)).mean()))
+        error = float(np.square(np.concatenate(parts)).mean())
+        return -10.0 * float(np.log10(error)) if error else float("inf")
 
     def contrast(self, images: Sequence[np.ndarray], regions: Sequence[np.ndarray]) -> float:
         """Deviation of colours within regions, mean over views, relative to the truth's [1]."""

@@ -40,7 +40,7 @@ METHODS: Mapping[str, PerView | Removal] = {
     "true references": Removal("classical", given="references"),
     "true views": Removal("classical", given="all"),
 }
-"""Methods by name. The last two are ceilings: of what propagation makes of true references, and of the refit."""
+"""Methods by name. The last two are ceilings: true references, then propagated; true views, then fitted."""
 
 PICTURED = "exemplar"
 """The method whose best and worst captures are shown."""

@@ -159,8 +159,8 @@ is that between the captures.
 - **elsewhere**: views without the object from other places than the cameras', whole images.
 - **edit**: from the choice of references to the finished splat; for fills of each view, of all fitted views.
 - **true references**, **true views**: {references} references, or all fitted views, are given as they truly
-  are, as `--fill` takes them. What true references lose against true views is lost by propagation; what those
-  lose, by the splat.
+  are, as `--fill` takes them; the latter have no error before the fit. What true references lose against true
+  views is lost by propagation; what those lose, by the splat.
 {missing}
 The pictures show the captures where {PICTURED} is best (upper two rows) and worst (lower two) by PSNR of
 unseen pixels: the view with the most of them, as filled and as rendered from the edited splat.
