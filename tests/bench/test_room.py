@@ -30,7 +30,7 @@ def test_named_stages_are_shared_where_they_exist(tmp_path):
     first, second = (Run(tmp_path / name, "remove", {}) for name in ("first", "second"))
     for name in ("fit", "clear", "refit"):
         first.stage(name, lambda folder, name=name: (folder / "product").write_text(name))
-    room.share_stages(first, second)
+    room.share_stages(first.folder, second.folder)
     assert sorted(stage.name for stage in (second.folder / "stages").iterdir()) == ["clear", "fit"]
     ran = []
     folder = second.stage("fit", lambda folder: ran.append(folder))
