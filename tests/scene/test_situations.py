@@ -1,6 +1,7 @@
 """Situations: each seed another capture, its files true to each other, its captions to what is seen."""
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -119,6 +120,8 @@ def test_captions_say_what_is_there(seen):
         len({captions.images, captions.without_object, captions.other_object, captions.other_material}) == 4
     )
     assert captions.object not in captions.without_object
+    for words in (captions.images, captions.other_object):
+        assert not re.search(r"\ba [aeiou]|\ban [^aeiou]", words)
 
 
 @pytest.mark.parametrize("name", SITUATIONS)

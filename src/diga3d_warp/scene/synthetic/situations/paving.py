@@ -14,7 +14,7 @@ from diga3d_warp.scene.synthetic.room import potted_plant
 from diga3d_warp.scene.synthetic.situations.light import sky_dome, sunlight
 from diga3d_warp.scene.synthetic.situations.situation import Situation, distance_to_cover
 from diga3d_warp.scene.synthetic.situations.surfaces import FENCES, PAVINGS, garden, pick, terrain, wall
-from diga3d_warp.scene.synthetic.situations.things import LARGE, some_things
+from diga3d_warp.scene.synthetic.situations.things import LARGE, some_things, with_article
 from diga3d_warp.scene.synthetic.solids import Surface, box, joined
 
 HOUSES: Sequence[tuple[str, Material]] = (
@@ -50,7 +50,7 @@ def build(rng: Generator) -> Situation:
         elevation=(18.0, 40.0),
         half_angle=180.0 if around else rng.uniform(35, 50),
     )
-    place = f"{paving_words} before a {house_words} house"
+    place = f"{paving_words} before {with_article(house_words)} house"
     light = sunlight(rng, azimuth=(-90.0, 90.0))
     return Situation.of(things, joined(parts), place, orbit, light, sky_dome())
 

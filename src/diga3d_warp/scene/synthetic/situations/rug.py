@@ -11,7 +11,7 @@ from diga3d_warp.scene.synthetic.patterns.rugs import rug as woven
 from diga3d_warp.scene.synthetic.situations.light import lamplight
 from diga3d_warp.scene.synthetic.situations.situation import Situation, distance_to_cover
 from diga3d_warp.scene.synthetic.situations.surfaces import FLOORS, PAPERS, living_room, pick, terrain
-from diga3d_warp.scene.synthetic.situations.things import LARGE, some_things
+from diga3d_warp.scene.synthetic.situations.things import LARGE, some_things, with_article
 from diga3d_warp.scene.synthetic.solids import box, joined, panel
 
 THICK = 0.012
@@ -42,5 +42,5 @@ def build(rng: Generator) -> Situation:
         elevation=(22.0, 42.0) if around else (20.0, 38.0),
         half_angle=180.0 if around else rng.uniform(35, 50),
     )
-    place = f"a {colors} rug with {motif} on {floor_words}, {paper_words} behind"
+    place = f"{with_article(colors)} rug with {motif} on {floor_words}, {paper_words} behind"
     return Situation.of(things, joined([ground, room, rug]), place, orbit, lamplight(rng))

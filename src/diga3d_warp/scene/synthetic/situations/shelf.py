@@ -14,9 +14,12 @@ from diga3d_warp.scene.synthetic.patterns import walls
 from diga3d_warp.scene.synthetic.room import SPINES
 from diga3d_warp.scene.synthetic.situations.light import lamplight
 from diga3d_warp.scene.synthetic.situations.situation import Situation, distance_to_cover
-from diga3d_warp.scene.synthetic.situations.surfaces import PAPERS, pick, wall
-from diga3d_warp.scene.synthetic.situations.things import SMALL, some_things
+from diga3d_warp.scene.synthetic.situations.surfaces import FLOORS, PAPERS, pick, terrain, wall
+from diga3d_warp.scene.synthetic.situations.things import SMALL, some_things, with_article
 from diga3d_warp.scene.synthetic.solids import Surface, box, joined
+
+ROOM = 6.0
+"""How far wall and floor reach to either side [m]: beyond the edges of every view."""
 
 THICK = 0.028
 """Of a board [m]."""
@@ -46,14 +49,17 @@ def build(rng: Generator) -> Situation:
     width = rng.uniform(0.9, 1.3)
     left = -width * rng.uniform(0.3, 0.7)
     case = bookcase(rng, stuff, (left, left + width), (front, back), space, depth_of_books)
-    parts = [case, wall(6.0, 4.0, paper, skirting=0.0).moved((0.0, back + 0.03, -2.0))]
+    low = -2 * (space + THICK) - THICK - 0.08  # the floor, under the lowest board
+    _, floor = pick(rng, FLOORS)
+    parts = [case, wall(2 * ROOM, 3.0, paper).moved((0.0, back + 0.03, low))]
+    parts.append(terrain((-ROOM, -ROOM, ROOM, back + 0.03), floor).moved((0.0, 0.0, low)))
     orbit = Orbit(
         target=(0.0, 0.0, 0.5 * height),
         distance=distance,
         elevation=(2.0, 20.0),
         half_angle=rng.uniform(24, 34),
     )
-    place = f"{'an' if words[0] == 'o' else 'a'} {words} bookshelf with books, {paper_words} behind"
+    place = f"{with_article(words)} bookshelf with books, {paper_words} behind"
     light = lamplight(rng, azimuth=(-60.0, 60.0), farthest=2.4)
     return Situation.of(things, joined(parts), place, orbit, light)
 
