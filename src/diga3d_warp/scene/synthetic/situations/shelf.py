@@ -14,7 +14,7 @@ from diga3d_warp.scene.synthetic.patterns import walls
 from diga3d_warp.scene.synthetic.room import SPINES
 from diga3d_warp.scene.synthetic.situations.light import lamplight
 from diga3d_warp.scene.synthetic.situations.situation import Situation, distance_to_cover
-from diga3d_warp.scene.synthetic.situations.surfaces import FLOORS, PAPERS, pick, terrain, wall
+from diga3d_warp.scene.synthetic.situations.surfaces import FLOORS, PAPERS, TABLE_CELL, pick, terrain, wall
 from diga3d_warp.scene.synthetic.situations.things import SMALL, some_things, with_article
 from diga3d_warp.scene.synthetic.solids import Surface, box, joined
 
@@ -91,7 +91,7 @@ def bookcase(
         box((left, back, bottom), (right, back + 0.02, top), stuff, cell=0.05),
     ]
     for level in range(-2, 3):
-        cell = 0.025 if level == 0 else 0.06
+        cell = TABLE_CELL if level == 0 else 0.06
         parts.append(box((left, front, level * step - THICK), (right, back, level * step), stuff, cell=cell))
         if level < 2:
             parts.append(row_of_books(rng, (left, right), back, level * step, space, depth))

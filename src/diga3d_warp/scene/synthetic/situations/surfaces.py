@@ -16,6 +16,9 @@ from diga3d_warp.scene.synthetic.solids import WHITE, Surface, ball, box, joined
 FINE_CELL, COARSE_CELL = 0.035, 0.3
 """Edges of the cells near the object and far from it [m]: the object's penumbras are some fine cells wide."""
 
+TABLE_CELL = 0.015
+"""Edge of the cells near things of a hand's size [m]."""
+
 GROWTH = 1.25
 """Each cell beyond the fine ones is longer than the one before by this factor [1]."""
 
@@ -29,6 +32,7 @@ def terrain(
     *,
     height: Height | None = None,
     fine: float = 0.8,
+    cell: float = FINE_CELL,
     turn: float = 0.0,
 ) -> Surface:
     """Ground that faces upwards, in cells that are fine about the origin.
@@ -38,13 +42,14 @@ def terrain(
         material: What it is made of, at its own size.
         height: Height of the ground [m]; 0 if None.
         fine: How far fine cells reach from the origin [m].
+        cell: Edge of the fine cells [m].
         turn: Of the texture about the origin [degrees].
     """
     low_x, low_y, high_x, high_y = bounds
-    x, y = np.meshgrid(_lines(low_x, high_x, fine), _lines(low_y, high_y, fine))
+    x, y = np.meshgrid(_lines(low_x, high_x, fine, cell), _lines(low_y, high_y, fine, cell))
     z, slope_x, slope_y = np.zeros_like(x), np.zeros_like(x), np.zeros_like(x)
     if height is not None:
-        step = 0.5 * FINE_CELL
+        step = 0.5 * cell
         z = height(x, y)
         slope_x = (height(x + step, y) - height(x - step, y)) / (2 * step)
         slope_y = (height(x, y + step) - height(x, y - step)) / (2 * step)
@@ -55,14 +60,14 @@ def terrain(
     return sheet(np.stack([x, y, z], -1), normals, uvs, material, WHITE)
 
 
-def _lines(low: float, high: float, fine: float) -> np.ndarray:
+def _lines(low: float, high: float, fine: float, cell: float) -> np.ndarray:
     """Places of the grid lines from `low` to `high`, close together about 0."""
-    places, step = [0.0], FINE_CELL
+    places, step = [0.0], cell
     while places[-1] < max(abs(low), abs(high)):
         step = step if places[-1] < fine else min(step * GROWTH, COARSE_CELL)
         places.append(places[-1] + step)
     both = np.concatenate([-np.array(places[:0:-1]), places])
-    inside = both[(both > low + 0.3 * FINE_CELL) & (both < high - 0.3 * FINE_CELL)]
+    inside = both[(both > low + 0.3 * cell) & (both < high - 0.3 * cell)]
     return np.concatenate([[low], inside, [high]])
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.random import Generator
@@ -19,13 +18,14 @@ from diga3d_warp.scene.synthetic.situations.surfaces import (
     FLOORS,
     PAPERS,
     PAVINGS,
+    TABLE_CELL,
     garden,
     living_room,
     pick,
     terrain,
 )
 from diga3d_warp.scene.synthetic.situations.things import SMALL, some_things
-from diga3d_warp.scene.synthetic.solids import Surface, box, joined, revolved
+from diga3d_warp.scene.synthetic.solids import WHITE, Surface, box, joined, revolved, sheet
 
 HEIGHT = 0.74
 """Of the table [m]."""
@@ -92,43 +92,36 @@ def long_table(rng: Generator, top: Material, inset: float) -> Surface:
     length, depth = rng.uniform(1.2, 1.8), rng.uniform(0.75, 1.0)
     left = -length * rng.uniform(0.25, 0.75)
     low, high = (left, inset - depth), (left + length, inset)
-    board = terrain((*low, *high), top, fine=0.6)
+    board = terrain((*low, *high), top, fine=0.4, cell=TABLE_CELL)
     parts = [board, box((*low, -THICK), (*high, -0.001), top)]
     leg = 0.035
     for x in (low[0] + 0.08, high[0] - 0.08):
         for y in (low[1] + 0.08, high[1] - 0.08):
             parts.append(box((x - leg, y - leg, -HEIGHT), (x + leg, y + leg, -THICK), "walnut"))
-    rail = box(
-        (low[0] + 0.08, low[1] + 0.08, -THICK - 0.08), (high[0] - 0.08, high[1] - 0.08, -THICK), "walnut"
-    )
-    return joined([*parts, rail]).turned(rng.uniform(-12, 12))
+    inside = (low[0] + 0.08, low[1] + 0.08), (high[0] - 0.08, high[1] - 0.08)
+    frame = box((*inside[0], -THICK - 0.08), (*inside[1], -THICK), "walnut")
+    return joined([*parts, frame]).turned(rng.uniform(-12, 12))
 
 
 def round_table(rng: Generator, top: Material, inset: float) -> Surface:
     """A round table on one leg; its edge is `inset` metres behind the origin."""
     radius = rng.uniform(0.5, 0.75)
-    rings = np.linspace(1, 0, 14)
-    disc = [(radius * float(share), 0.0) for share in rings]
     around = float(max(1, round(2 * np.pi * radius / top.period)))
-    plate = _planar(revolved(disc, top, segments=64), top)
-    rim = revolved(
-        [(radius, -THICK), (1.01 * radius, -0.5 * THICK), (radius, 0.0)],
-        top,
-        repeats=(around, 0.1),
-        segments=64,
-    )
+    edge = [(radius, -THICK), (1.01 * radius, -0.5 * THICK), (radius, 0.0)]
+    rim = revolved(edge, top, repeats=(around, 0.1), segments=96)
     below = revolved([(0.0, -THICK), (radius, -THICK)], top, segments=64)
-    leg = [
-        (0.28, -HEIGHT),
-        (0.28, 0.03 - HEIGHT),
-        (0.28, 0.03 - HEIGHT),
-        (0.05, 0.1 - HEIGHT),
-        (0.05, -THICK),
-    ]
+    leg = [(0.28, -HEIGHT), (0.28, 0.03 - HEIGHT), (0.28, 0.03 - HEIGHT)]
+    leg += [(0.05, 0.1 - HEIGHT), (0.05, -THICK)]
     foot = revolved(leg, "walnut", repeats=(1.0, 1.0), segments=24)
+    plate = disc(radius, top)
     return joined([plate, rim, below, foot]).moved((0.0, inset - radius, 0.0)).turned(rng.uniform(-12, 12))
 
 
-def _planar(disc: Surface, material: Material) -> Surface:
-    """A flat disc with its texture laid on from above, not wound around."""
-    return replace(disc, uvs=disc.vertices[:, :2] / material.period)
+def disc(radius: float, material: Material) -> Surface:
+    """A flat disc about the origin that faces upwards: a square grid, bent into a circle."""
+    places = np.linspace(-1.0, 1.0, int(np.ceil(2 * radius / TABLE_CELL)) + 1)
+    u, v = np.meshgrid(places, places)
+    x, y = radius * u * np.sqrt(1 - v**2 / 2), radius * v * np.sqrt(1 - u**2 / 2)
+    flat, up = np.zeros_like(x), np.ones_like(x)
+    vertices, normals = np.stack([x, y, flat], -1), np.stack([flat, flat, up], -1)
+    return sheet(vertices, normals, vertices[..., :2] / material.period, material, WHITE)
