@@ -20,6 +20,7 @@ RANKS = (
     {"splatting"},
     {"gaussians", "perception"},
     {"priors"},
+    {"surfaces"},
     {"propagation", "evaluation", "objects"},
     {"effects"},
     {"pipelines"},

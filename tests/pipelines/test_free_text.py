@@ -139,7 +139,8 @@ def test_without_propagation_views_are_edited_alone(prior):
         FreeText.of(prior, "a vase", "", "retexture", WARPED)
 
 
-REMOVAL = ("effects", "fit", "lift", "clear", "look-behind", "references", "fill", "propagate", "refit")
+REMOVAL = ("effects", "fit", "lift", "clear", "look-behind", "charts", "references", "fill")
+REMOVAL += ("propagate", "refit")
 IMAGINE = ReplaceSettings(
     removal=replace(SETTINGS, distil=replace(DISTIL, iterations=8), method=SAMPLED),
     grow=replace(GROW, iterations=40),

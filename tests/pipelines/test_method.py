@@ -59,5 +59,6 @@ def test_a_negative_prompt_that_noise_estimates_read(switches):
 def test_the_manifest_tells_the_switches():
     assert PAPER.summary() == {
         "references": 3, "selection": "kmeans", "propagation": "attention", "tg_sds": True,
+        "surfaces": True,
     }  # fmt: skip
     assert WARPED.summary()["tg_sds"] is False

@@ -39,7 +39,7 @@ def test_the_run_folder_holds_what_it_should(removed):
     assert len(names) == 9
     for folder in ("views/before", "views/after", "masks"):
         assert sorted(file.name for file in (removed.folder / folder).iterdir()) == names
-    stages = ["effects", "fit", "lift", "clear", "look-behind", "references", "fill"]
+    stages = ["effects", "fit", "lift", "clear", "look-behind", "charts", "references", "fill"]
     stages += ["propagate", "refit", "distil", "views"]
     assert sorted(entry.name for entry in (removed.folder / "stages").iterdir()) == sorted(stages)
     manifest = json.loads((removed.folder / "manifest.json").read_text())

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diga3d_warp.propagation.membrane import membrane
 from diga3d_warp.propagation.tone import rim_of, tone_between
+from diga3d_warp.surfaces.membrane import membrane
 
 HEIGHT, WIDTH = 120, 160
 

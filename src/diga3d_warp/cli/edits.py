@@ -10,6 +10,7 @@ from diga3d_warp.cli.options import (
     add_marks,
     add_prior,
     add_run_options,
+    add_surfaces,
 )
 from diga3d_warp.cli.parsing import Commands, path
 
@@ -32,6 +33,7 @@ def add_edits(commands: Commands) -> None:
     add_marks(remove)
     add_fill(remove, "these become the references")
     add_prior(remove)
+    add_surfaces(remove)
 
     retexture = commands.add(
         "retexture",
@@ -70,6 +72,7 @@ def add_edits(commands: Commands) -> None:
     add_fill(new, "they show the new object")
     add_exemplar(replace, "the one in --prompt")
     add_prior(replace)
+    add_surfaces(replace)
 
 
 def _fit(**options: Any) -> int:

@@ -137,6 +137,16 @@ def add_prior(command: argparse.ArgumentParser) -> None:
     )
 
 
+def add_surfaces(command: argparse.ArgumentParser) -> None:
+    """What a removal alone may choose."""
+    command.add_argument(
+        "--surfaces",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="fill the surfaces behind the object in their own coordinates, once for all views (default on)",
+    )
+
+
 def add_reference_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--references",

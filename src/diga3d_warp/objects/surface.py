@@ -14,7 +14,7 @@ import numpy as np
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.splatting.optics import optics_of
+from diga3d_warp.splatting.placement import unprojected
 
 FAINT = 0.02
 """Share of a pixel under which an object is not visible [1]; an 8-bit image has steps of 0.004."""
@@ -260,21 +260,6 @@ def _seen(sight: Sight, settings: FuseSettings) -> tuple[np.ndarray, np.ndarray,
     facing = (normal * to_eye).sum(axis=2)
     well = (inside > 0) & (facing > settings.slant)
     return places[well], normal[well], sight.image[well]
-
-
-def unprojected(depth: np.ndarray, camera: Camera) -> np.ndarray:
-    """World position of each pixel at its depth, shape (H, W, 3), float64.
-
-    Args:
-        depth: z along the camera axis [scene units], shape (H, W).
-        camera: At the size of the depth.
-    """
-    rays = optics_of(camera).rays.reshape(camera.height, camera.width, 2)
-    z = depth.astype(np.float64)
-    rays = np.where(np.isfinite(rays), rays, 0.0)
-    local = np.concatenate([rays * z[..., None], z[..., None]], axis=2)
-    pose = camera.pose
-    return (local - pose[:3, 3]) @ pose[:3, :3]
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:

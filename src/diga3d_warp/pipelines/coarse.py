@@ -19,11 +19,15 @@ from diga3d_warp.pipelines.own_fills import NO_FILLS, Fills
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.propagation.appearance import propagate_appearance
+from diga3d_warp.propagation.charted import chart_view, photo_of
 from diga3d_warp.propagation.fill import Fill, fill_references, warp_fills
 from diga3d_warp.propagation.references import References
 from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.scene.scene import View
 from diga3d_warp.state import read_arrays, read_picture
+from diga3d_warp.surfaces.chart import Chart
+from diga3d_warp.surfaces.surfels import surfels
+from diga3d_warp.surfaces.texture import refused
 
 SEEDS_PER_REFERENCE = 12_000
 """Most gaussians on the pixels that one reference inpainted: two thirds of the pixels of a tenth of a 504 x
@@ -35,22 +39,29 @@ def fill_views(
     views: Sequence[View],
     backgrounds: Sequence[Background],
     depths: Sequence[np.ndarray],
+    charts: Sequence[Chart],
     references: References,
     prior: Prior,
     method: Method,
     seed: int,
     own: Fills = NO_FILLS,
 ) -> list[Fill]:
-    """Fill the references, or take those that the user filled, and warp their fills to all other views."""
+    """Put the charts into all views, fill what these leave of the references, and warp that to the others.
+
+    References that the user filled are taken as they are.
+    """
     cameras = [view.camera for view in views]
     together = method.propagation != "none"
     given = {i: own[view.name] / np.float32(255.0) for i, view in enumerate(views) if view.name in own}
 
     def compute(folder: Path) -> None:
+        charted = [chart_view(*each, charts) for each in zip(views, backgrounds, depths, strict=True)]
+        left, surfaces = [each.background for each in charted], [each.depth for each in charted]
         fills = fill_references(
-            cameras, backgrounds, depths, references, prior, seed, together=together, own=given
+            cameras, left, surfaces, references, prior, seed, together=together, own=given
         )
-        _keep(folder, views, warp_fills(cameras, backgrounds, depths, references, fills))
+        warped = warp_fills(cameras, left, surfaces, references, fills)
+        _keep(folder, views, [each.completed(fill) for each, fill in zip(charted, warped, strict=True)])
 
     return read_fills(run.stage("fill", compute), views)
 
@@ -127,6 +138,8 @@ def refit(
     views: Sequence[View],
     cleared: clearing.Cleared,
     backgrounds: Sequence[Background],
+    depths: Sequence[np.ndarray],
+    charts: Sequence[Chart],
     fills: Sequence[Fill],
     references: References,
     extent: float,
@@ -137,8 +150,12 @@ def refit(
 
     def compute(folder: Path) -> None:
         start = cleared.gaussians
-        for added in seeds_of(views, fills, references, start.sh.shape[1]):
-            start = start.joined(added)
+        photos = [photo_of(*each) for each in zip(views, backgrounds, depths, strict=True)]
+        coefficients = start.sh.shape[1]
+        seeds = [*surfels(charts, coefficients), *seeds_of(views, fills, references, coefficients)]
+        for added in seeds:
+            hiding = refused(added.means.double().numpy(), photos)
+            start = start.joined(added.select(torch.from_numpy(~hiding)))
         result = fit(
             start, targets_of(views, backgrounds, fills), extent, settings, effects=run.effects,
             seed=seed, held=cleared.held(len(start)), checkpoint=folder / "checkpoint.pt", note=run.note,

@@ -30,6 +30,8 @@ class Method:
         sampling: Sampling of the other views with "attention" and "none"; None for the prior's default. Below
             full strength, "attention" starts from the warped fill.
         distillation: TG-SDS (paper Sec. 3.4); None leaves the fine stage out.
+        surfaces: Whether surfaces behind the object are filled in their own coordinates, before the
+            references are.
     """
 
     references: int = 3
@@ -38,6 +40,7 @@ class Method:
     afp_weight: float = AFP_WEIGHT
     sampling: SamplingSettings | None = None
     distillation: DistillationSettings | None = field(default_factory=DistillationSettings)
+    surfaces: bool = True
 
     def sampling_for(self, prior: DiffusionPrior) -> SamplingSettings:
         """Sampling settings to use with a prior."""
@@ -53,6 +56,7 @@ class Method:
             "selection": self.selection,
             "propagation": self.propagation,
             "tg_sds": self.distillation is not None,
+            "surfaces": self.surfaces,
         }
 
 
@@ -94,6 +98,7 @@ class Choices:
         references, selection: As in `Method`.
         propagation: As in `Method`.
         tg_sds: Whether score distillation refines the edit.
+        surfaces: As in `Method`.
     """
 
     prior: str | Prior = "exemplar"
@@ -102,6 +107,7 @@ class Choices:
     selection: Literal["kmeans", "random"] = Method.selection
     propagation: Propagation | None = None
     tg_sds: bool | None = None
+    surfaces: bool = Method.surfaces
 
     @property
     def prior_name(self) -> str:
@@ -143,7 +149,12 @@ class Choices:
         Raises:
             InputError: the prior cannot do what was chosen, or would read no negative prompt.
         """
-        method = replace(usual_method(prior), references=self.references, selection=self.selection)
+        method = replace(
+            usual_method(prior),
+            references=self.references,
+            selection=self.selection,
+            surfaces=self.surfaces,
+        )
         if self.propagation is not None:
             method = replace(method, propagation=self.propagation)
         if self.tg_sds is not None:

@@ -22,11 +22,12 @@ from diga3d_warp.objects.light import Light, estimate_light
 from diga3d_warp.objects.placement import Placed, PlacedMesh, PlacedSplat
 from diga3d_warp.objects.shadow import Shadow
 from diga3d_warp.objects.support import find_place
-from diga3d_warp.objects.surface import Sight, fuse, pixel_width, unprojected
+from diga3d_warp.objects.surface import Sight, fuse, pixel_width
 from diga3d_warp.pipelines import clearing, stages
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.scene import View
+from diga3d_warp.splatting.placement import unprojected
 from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_array, read_picture, read_plane
 

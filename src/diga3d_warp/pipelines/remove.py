@@ -5,8 +5,9 @@ fit          the splat of the capture; photographs then take its exposure
 lift         masks lifted to the object's gaussians, and widened
 clear        those gaussians deleted
 look-behind  each mask shrunk to what no view saw behind the object
+charts       surfaces that go on behind the object, filled in their own coordinates
 references   K views by k-means on camera centres
-fill         references filled in turn, their fill warped to the other views
+fill         charts put into all views; the rest of the references filled in turn, and warped to the others
 propagate    the other views filled, attending to the references
 refit        the hole fitted to the filled views, with colour and depth
 distil       the hole refined by score distillation, under texture and depth of the references
@@ -33,7 +34,7 @@ from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.pipelines import clearing, coarse, fine, marking, mask_propagation, stages
+from diga3d_warp.pipelines import charting, clearing, coarse, fine, marking, mask_propagation, stages
 from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks
@@ -178,14 +179,21 @@ def take_out(
     views = scene.views
     cleared = clearing.clear_object(run, views, edit_masks, source, rows, settings.lift)
     backgrounds, depths = clearing.look_behind(run, views, edit_masks, cleared)
+    # Charts would tell another story than references that the user filled.
+    charts = (
+        []
+        if own
+        else charting.chart_surfaces(run, views, backgrounds, depths, scene.points, prior, method, seed)
+    )
     unseen = [at.unseen for at in backgrounds]
     holes = unseen if any(hole.any() for hole in unseen) else [edit_masks[view.name] for view in views]
     references = stages.choose_references(run, views, holes, method, seed, own)
-    fills = coarse.fill_views(run, views, backgrounds, depths, references, prior, method, seed, own)
+    fills = coarse.fill_views(run, views, backgrounds, depths, charts, references, prior, method, seed, own)
     fills = coarse.propagate(run, views, backgrounds, depths, fills, references, prior, method, seed)
     edited = coarse.refit(
-        run, views, cleared, backgrounds, fills, references, scene.extent, settings.refit, seed
-    )
+        run, views, cleared, backgrounds, depths, charts, fills, references, scene.extent, settings.refit,
+        seed,
+    )  # fmt: skip
     if method.distillation is None:
         return TakenOut(edited, source, rows, scene, edit_masks, references, "refit")
     assert isinstance(prior, DiffusionPrior), "check_method refuses others"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.propagation.membrane import membrane
+from diga3d_warp.surfaces.membrane import membrane
 
 WINDOW = 5
 """Side of the neighbourhood that a depth at the rim must agree with [px]. Single gaussians stick out of a

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diga3d_warp.propagation.membrane import membrane
+from diga3d_warp.surfaces.membrane import membrane
 
 
 @dataclass(frozen=True)

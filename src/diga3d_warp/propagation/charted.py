@@ -1,0 +1,84 @@
+"""What charts show of each view's hole: one story for all of them, with its depth.
+
+What no chart explains, a far background or a thing behind the object, is left to the fill of references.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from diga3d_warp.propagation.fill import Fill
+from diga3d_warp.propagation.tone import rim_of, tone_between
+from diga3d_warp.propagation.unseen import OPAQUE, Background
+from diga3d_warp.scene.scene import View
+from diga3d_warp.surfaces.chart import Chart
+from diga3d_warp.surfaces.compose import compose
+from diga3d_warp.surfaces.photo import Photo
+from diga3d_warp.surfaces.settings import SURFACES
+
+
+@dataclass(frozen=True, eq=False)
+class Charted:
+    """A view whose hole shows charts.
+
+    Attributes:
+        background: With charts in the image, and only the rest of it unseen.
+        depth: z without the object, that of the charts where they show [scene units], shape (H, W), float32.
+        shown: Where charts show in what was unseen, shape (H, W), bool.
+    """
+
+    background: Background
+    depth: np.ndarray
+    shown: np.ndarray
+
+    def completed(self, fill: Fill) -> Fill:
+        """The fill of the rest, and the charts."""
+        depth = np.where(self.shown, self.depth, fill.depth).astype(np.float32)
+        return replace(fill, depth=depth, filled=fill.filled | self.shown)
+
+
+def photo_of(view: View, background: Background, depth: np.ndarray) -> Photo:
+    """A view as surfaces are found in it.
+
+    Args:
+        view: The photograph.
+        background: What is known behind the object.
+        depth: z of the splat without the object [scene units], shape (H, W); 0 where it shows nothing.
+    """
+    known = ~(background.unseen | background.observed)
+    if view.alpha is not None:
+        depth = np.where(known & (view.alpha < 255 - OPAQUE), np.inf, depth).astype(np.float32)
+        known = known & (view.alpha >= OPAQUE)
+    return Photo(view.camera, view.pixels, depth, known, background.unseen)
+
+
+def chart_view(view: View, background: Background, depth: np.ndarray, charts: Sequence[Chart]) -> Charted:
+    """Put charts into a view's hole, in the tone that the view itself has around it.
+
+    Args:
+        view: The photograph.
+        background: What is known behind the object.
+        depth: z of the splat without the object [scene units], shape (H, W); 0 where it shows nothing.
+        charts: Filled ones.
+    """
+    unseen = background.unseen
+    nothing = Charted(background, depth, np.zeros_like(unseen))
+    if not charts or not unseen.any():
+        return nothing
+    layer = compose(charts, view.camera)
+    shown = unseen & (layer.chart >= 0)
+    if not shown.any():
+        return nothing
+    # Around the hole the view and the charts show the same surface: there their tones can be compared.
+    same = np.abs(layer.depth - depth) <= SURFACES.agree * layer.depth
+    rim = rim_of(unseen) & (layer.chart >= 0) & same
+    tone = tone_between(background.image, layer.image, rim, shown)
+    image = background.image.astype(np.float32).copy()
+    image[shown] = np.clip(layer.image + tone, 0.0, 1.0)[shown]
+    return Charted(
+        replace(background, unseen=unseen & ~shown, image=image, observed=background.observed | shown),
+        np.where(shown, layer.depth, depth).astype(np.float32), shown,
+    )  # fmt: skip

@@ -1,0 +1,61 @@
+"""Charts of the surfaces that could continue into the hole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from diga3d_warp.surfaces.chart import Chart
+from diga3d_warp.surfaces.evidence import gather
+from diga3d_warp.surfaces.layout import in_front, lay_out
+from diga3d_warp.surfaces.occupancy import occupancy
+from diga3d_warp.surfaces.photo import Photo
+from diga3d_warp.surfaces.planes import find_planes, mean_eye
+from diga3d_warp.surfaces.settings import SURFACES, SurfaceSettings
+from diga3d_warp.surfaces.texture import textured
+
+GAP = 5
+"""Side of the square by which texels between the samples of pixels are taken in [texels]: a chart has the
+sampling of its finest photograph, and others skip up to some texels."""
+
+
+def find_charts(
+    photos: Sequence[Photo], sparse: np.ndarray, seed: int = 0, settings: SurfaceSettings = SURFACES
+) -> list[Chart]:
+    """Charts of what the hole shows, with the colours and the occupancy that photographs show.
+
+    Args:
+        photos: All views, the object taken out.
+        sparse: Positions of the sparse points [scene units], shape (N, 3).
+        seed: Same photographs and seed: same charts.
+        settings: Thresholds.
+
+    Returns:
+        None for a hole that no surface continues into. In each, `wanted` is what the hole shows of it and no
+        photograph does; `alpha` says where the surface is taken to be there.
+    """
+    seeing = [photo for photo in photos if photo.unseen.any()]
+    if not seeing:
+        return []
+    evidence = gather(seeing, sparse, seed, settings)
+    planes = find_planes(evidence, mean_eye([photo.camera for photo in seeing]), seed, settings)
+    charts = [textured(photos, frame, settings) for frame in lay_out(planes, photos, seed, settings)]
+    solids = [occupancy(chart.known, chart.through, chart.wanted, seed, settings.trusted) for chart in charts]
+    pairs = [(chart.frame, solid) for chart, solid in zip(charts, solids, strict=True)]
+    hits = in_front(pairs, seeing, settings)
+    decided = [_decided(*each) for each in zip(charts, solids, hits, strict=True)]
+    return [chart for chart in decided if chart.known.any()]
+
+
+def _decided(chart: Chart, solid: np.ndarray, hit: np.ndarray) -> Chart:
+    """A chart whose occupancy is decided where the hole shows it."""
+    import cv2
+
+    seen = np.zeros(chart.known.shape, np.uint8)
+    seen[hit[:, 0], hit[:, 1]] = 1
+    box = np.ones((GAP, GAP), np.uint8)
+    shown = cv2.dilate(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, box), box) > 0
+    wanted = solid & ~chart.known & shown
+    return replace(chart, wanted=wanted, alpha=(chart.known | wanted).astype(np.float32))

@@ -1,0 +1,179 @@
+"""Where a surface goes on in what nobody saw, and where it ends: straight boundaries are continued.
+
+A table's edge, a step, a wall's end: where the boundary between a surface and what photographs see through
+beside it lies on one or two lines, these go on behind the object. Any other boundary goes on smoothly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from diga3d_warp.surfaces.membrane import membrane
+
+LINES = 200
+"""Random lines that are compared. With a third of the boundary on one edge, it is missed with probability
+below 1e-10."""
+
+EXPLAINED = 0.97
+"""Share of the texels around what is wanted that lines must put on their right side [1]; jagged rims of a
+splat's depth take two of a hundred."""
+
+NEAR = 2.0
+"""Distance from a line that counts as on it [texels]."""
+
+BOUNDARY_LEAST = 12
+"""Texels of boundary from which a line is fitted; fewer are a speck."""
+
+RING = 6
+"""How far around a part is looked at, at least [texels]: beyond the specks of a splat's depth."""
+
+AROUND = 0.35
+"""How far around a part is looked at [roots of its area]."""
+
+TOLD = 0.25
+"""Share of a part's surroundings of which photographs must say whether the surface is there [1]."""
+
+LARGEST = 160
+"""Longer side at which a boundary is continued smoothly [texels]; it has no finer detail."""
+
+
+def occupancy(
+    known: np.ndarray, through: np.ndarray, wanted: np.ndarray, seed: int, trusted: float = 0.0
+) -> np.ndarray:
+    """Occupancy of a chart with its unknown part decided.
+
+    Args:
+        known: Where the surface is, shape (H, W), bool.
+        through: Where it is not, shape (H, W), bool.
+        wanted: What the hole shows of it, shape (H, W), bool: its surroundings decide.
+        seed: Of random lines.
+        trusted: Least share of surface in what is told around the unknown, and around each part of it [1],
+            where no lines explain it. With less it is left alone.
+
+    Returns:
+        shape (H, W), bool: `known`, and where the rest is taken for surface. Nothing is without a known part.
+    """
+    if not known.any():
+        return known.copy()
+    if not through.any():
+        return ~through
+    found = _by_lines(known, through, wanted, seed)
+    if found is not None:
+        return known | (found & ~through)
+    told = (known | through) & _near(wanted)
+    if known[told].sum() < trusted * told.sum():
+        return known.copy()
+    inside = _smoothly(known, through) & ~through & ~known
+    return known | _borne_out(inside, known, through, trusted)
+
+
+def _borne_out(inside: np.ndarray, known: np.ndarray, through: np.ndarray, trusted: float) -> np.ndarray:
+    """The parts of `inside` around which enough of the surface is known."""
+    import cv2
+
+    count, label, stats, _ = cv2.connectedComponentsWithStats(inside.astype(np.uint8), connectivity=8)
+    borne = np.zeros_like(inside)
+    for number in range(1, count):
+        left, top, width, height, area = stats[number].tolist()
+        reach = max(int(AROUND * np.sqrt(area)), RING)
+        window = (
+            slice(max(top - reach, 0), top + height + reach),
+            slice(max(left - reach, 0), left + width + reach),
+        )
+        part = label[window] == number
+        box = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+        around = (cv2.dilate(part.astype(np.uint8), box) > 0) & ~part
+        there, not_there = int((known[window] & around).sum()), int((through[window] & around).sum())
+        told = there + not_there
+        if told >= TOLD * around.sum() and there >= trusted * told:
+            borne[window] |= part
+    return borne
+
+
+def _by_lines(known: np.ndarray, through: np.ndarray, wanted: np.ndarray, seed: int) -> np.ndarray | None:
+    """Occupancy by one or two straight boundaries; None if these do not explain the surroundings."""
+    import cv2
+
+    near = _near(wanted)
+    told = (known | through) & near
+    inside = known & near
+    share = float(inside.sum()) / max(int(told.sum()), 1)
+    if share > EXPLAINED:
+        return np.ones_like(known)
+    box = np.ones((3, 3), np.uint8)
+    boundary = (cv2.dilate(through.astype(np.uint8), box) > 0) & inside
+    rows, columns = np.nonzero(boundary)
+    if len(rows) < BOUNDARY_LEAST:
+        return None
+    rng = np.random.default_rng(seed)
+    points = np.stack([columns, rows], axis=1).astype(np.float64)
+    places = np.stack(np.meshgrid(np.arange(known.shape[1]), np.arange(known.shape[0])), axis=-1)
+    first = _line(points, rng)
+    if first is None:
+        return None
+    side = _side(first, places, inside, told)
+    best, sides = _right(side, inside, told), side
+    off = np.abs(points @ first[0] - first[1]) > 2.0 * NEAR
+    second = _line(points[off], rng) if off.sum() >= BOUNDARY_LEAST else None
+    if second is not None:
+        other = _side(second, places, inside, told & sides)
+        for both in (sides & other, sides | _side(second, places, inside, told & ~sides)):
+            if (right := _right(both, inside, told)) > best:
+                best, side = right, both
+    return side if best >= EXPLAINED else None
+
+
+def _near(wanted: np.ndarray) -> np.ndarray:
+    """The surroundings of what is wanted, as far as that is wide."""
+    import cv2
+
+    reach = max(int(np.sqrt(wanted.sum())), 8)
+    return cv2.dilate(wanted.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
+
+
+def _line(points: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float] | None:
+    """Normal and offset of the line with most of the points (P, 2), fitted to these."""
+    ends = rng.integers(0, len(points), (LINES, 2))
+    along = points[ends[:, 1]] - points[ends[:, 0]]
+    length = np.linalg.norm(along, axis=1)
+    usable = length > 3.0 * NEAR
+    if not usable.any():
+        return None
+    normals = np.stack([-along[usable, 1], along[usable, 0]], axis=1) / length[usable, None]
+    offsets = (normals * points[ends[usable, 0]]).sum(axis=1)
+    on = np.abs(points @ normals.T - offsets) < NEAR
+    chosen = points[on[:, int(on.sum(axis=0).argmax())]]
+    middle = chosen.mean(axis=0)
+    normal = np.linalg.svd(chosen - middle, full_matrices=False)[2][1]
+    return normal, float(normal @ middle)
+
+
+def _side(
+    line: tuple[np.ndarray, float], places: np.ndarray, inside: np.ndarray, told: np.ndarray
+) -> np.ndarray:
+    """The side of a line on which the surface is. The line itself runs through the last texels of it."""
+    distance = places @ line[0] - line[1]
+    positive, negative = distance > -0.5, distance < 0.5
+    return positive if _right(positive, inside, told) >= _right(negative, inside, told) else negative
+
+
+def _right(side: np.ndarray, inside: np.ndarray, told: np.ndarray) -> float:
+    return float((side == inside)[told].mean()) if told.any() else 0.0
+
+
+def _smoothly(known: np.ndarray, through: np.ndarray) -> np.ndarray:
+    """Harmonic interpolation of occupancy, cut at a half."""
+    import cv2
+
+    height, width = known.shape
+    shrink = max(max(height, width) / LARGEST, 1.0)
+    size = (max(round(width / shrink), 1), max(round(height / shrink), 1))
+    on = cv2.resize(known.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    off = cv2.resize(through.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    told = on + off > 0.25
+    if not told.any():
+        return np.ones_like(known)
+    value = np.where(told, on / np.maximum(on + off, 1e-6), 0.0)
+    if not told.all():
+        value[~told] = membrane(value[..., None].astype(np.float64), told, ~told)[:, 0]
+    return cv2.resize(value.astype(np.float32), (width, height)) >= 0.5
