@@ -17,37 +17,37 @@ HOLE = np.hypot(PLACES[0] - 30, PLACES[1] - 40) < 14
 @pytest.mark.parametrize("slope", [0.0, 0.3, -0.8])
 def test_a_straight_edge_goes_on(slope):
     surface = PLACES[0] > 30 + slope * (PLACES[1] - 40)
-    found = occupancy(*split(surface, HOLE), HOLE, 0)
+    found = occupancy(*split(surface, HOLE), HOLE, 0).solid
     assert (found == surface).mean() > 0.985
 
 
 def test_the_corner_of_a_table_goes_on():
     surface = (PLACES[0] > 28) & (PLACES[1] < 42)
-    found = occupancy(*split(surface, HOLE), HOLE, 0)
+    found = occupancy(*split(surface, HOLE), HOLE, 0).solid
     assert (found == surface)[HOLE].mean() > 0.95
 
 
 def test_the_corner_of_an_opening_goes_on():
     surface = (PLACES[0] > 28) | (PLACES[1] < 42)
-    found = occupancy(*split(surface, HOLE), HOLE, 0)
+    found = occupancy(*split(surface, HOLE), HOLE, 0).solid
     assert (found == surface)[HOLE].mean() > 0.95
 
 
 def test_a_round_rim_goes_on_smoothly():
     surface = np.hypot(PLACES[0] - 60, PLACES[1] - 40) < 34
-    found = occupancy(*split(surface, HOLE), HOLE, 0)
+    found = occupancy(*split(surface, HOLE), HOLE, 0).solid
     assert (found == surface)[HOLE].mean() > 0.85
 
 
 def test_all_of_it_where_nothing_is_seen_through():
     known = ~HOLE
-    assert occupancy(known, np.zeros_like(HOLE), HOLE, 0).all()
+    assert occupancy(known, np.zeros_like(HOLE), HOLE, 0).solid.all()
 
 
 def test_nothing_where_nothing_is_known_or_all_is_seen_through():
     none = np.zeros_like(HOLE)
-    assert not occupancy(none, none, HOLE, 0).any()
-    assert not occupancy(none, ~HOLE, HOLE, 0).any()
+    assert not occupancy(none, none, HOLE, 0).solid.any()
+    assert not occupancy(none, ~HOLE, HOLE, 0).solid.any()
 
 
 def test_scattered_depth_is_not_trusted():
@@ -55,16 +55,16 @@ def test_scattered_depth_is_not_trusted():
     rng = np.random.default_rng(0)
     known = (rng.uniform(size=HOLE.shape) < 0.5) & ~HOLE
     through = ~known & ~HOLE
-    assert occupancy(known, through, HOLE, 0, trusted=0.75)[HOLE].sum() == 0
+    assert occupancy(known, through, HOLE, 0, trusted=0.75).solid[HOLE].sum() == 0
     known, through = ~HOLE & (rng.uniform(size=HOLE.shape) < 0.97), np.zeros_like(HOLE)
     through = ~HOLE & ~known
-    assert occupancy(known, through, HOLE, 0, trusted=0.75)[HOLE].mean() > 0.95
+    assert occupancy(known, through, HOLE, 0, trusted=0.75).solid[HOLE].mean() > 0.95
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (2, 3), (1, 40)])
 def test_a_chart_of_a_few_texels(shape):
     known = np.ones(shape, bool)
     known.flat[-1] = False
-    found = occupancy(known, np.zeros(shape, bool), ~known, 0)
+    found = occupancy(known, np.zeros(shape, bool), ~known, 0).solid
     assert found.shape == shape
-    assert occupancy(known, ~known, np.zeros(shape, bool), 0).sum() == known.sum()
+    assert occupancy(known, ~known, np.zeros(shape, bool), 0).solid.sum() == known.sum()

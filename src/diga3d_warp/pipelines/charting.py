@@ -96,7 +96,7 @@ def _keep(path: Path, chart: Chart) -> None:
         planes |= {f"bend_{name}": np.asarray(value) for name, value in named.items()}
     write_arrays(
         path, origin=frame.origin, axes=frame.axes, low=frame.low, texel=np.array(frame.texel),
-        size=np.array(frame.size), **planes,
+        size=np.array(frame.size), trusted=np.array(chart.trusted), **planes,
     )  # fmt: skip
 
 
@@ -112,4 +112,4 @@ def _read(path: Path) -> Chart:
     frame = Frame(
         arrays["origin"], arrays["axes"], arrays["low"], float(arrays["texel"]), (rows, columns), bend
     )
-    return Chart(frame, **{name: arrays[name] for name in PLANES})
+    return Chart(frame, **{name: arrays[name] for name in PLANES}, trusted=bool(arrays["trusted"]))

@@ -69,7 +69,9 @@ def chart_view(view: View, background: Background, depth: np.ndarray, charts: Se
     if not charts or not unseen.any():
         return nothing
     layer = compose(charts, view.camera)
-    shown = unseen & (layer.chart >= 0)
+    # The last one stands for no chart.
+    trusted = np.array([*(chart.trusted for chart in charts), False])
+    shown = unseen & trusted[layer.chart]
     if not shown.any():
         return nothing
     # Around the hole the view and the charts show the same surface: there their tones can be compared.

@@ -65,7 +65,7 @@ def tone_between(own: np.ndarray, shown: np.ndarray, rim: np.ndarray, hole: np.n
     counts = np.bincount(cells[rim], minlength=grid[0] * grid[1])
     sums = np.stack([np.bincount(cells[rim], difference[:, c], grid[0] * grid[1]) for c in range(3)], axis=-1)
     means = (sums / np.maximum(counts, 1)[:, None]).reshape(*grid, 3)
-    known = (counts >= size * size // 2).reshape(grid)
+    known = (counts >= max(size * size // 2, 1)).reshape(grid)
     wanted = (np.bincount(cells[hole], minlength=grid[0] * grid[1]) > 0).reshape(grid) & ~known
     regions, _ = label(wanted | known)
     wanted &= np.isin(regions, regions[known])

@@ -112,6 +112,7 @@ class Chart:
         wanted: What the hole shows of it and nobody saw, shape (H, W), bool; apart from both.
         alpha: Occupancy in [0, 1], shape (H, W), float32: 1 where known, 0 where seen through; in the rest a
             fill decides, and before it is zero.
+        trusted: Whether it may be shown in the hole; otherwise it only hides what is behind it.
     """
 
     frame: Frame
@@ -120,6 +121,7 @@ class Chart:
     through: np.ndarray
     wanted: np.ndarray
     alpha: np.ndarray
+    trusted: bool = True
 
     def filled(self, image: np.ndarray, alpha: np.ndarray) -> Chart:
         """The chart with other colours and occupancy where they were not known."""

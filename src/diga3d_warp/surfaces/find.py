@@ -10,7 +10,7 @@ import numpy as np
 from diga3d_warp.surfaces.chart import Chart
 from diga3d_warp.surfaces.evidence import gather
 from diga3d_warp.surfaces.layout import in_front, lay_out
-from diga3d_warp.surfaces.occupancy import occupancy
+from diga3d_warp.surfaces.occupancy import Occupancy, occupancy
 from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.planes import find_planes, mean_eye
 from diga3d_warp.surfaces.settings import SURFACES, SurfaceSettings
@@ -34,7 +34,8 @@ def find_charts(
 
     Returns:
         None for a hole that no surface continues into. In each, `wanted` is what the hole shows of it and no
-        photograph does; `alpha` says where the surface is taken to be there.
+        photograph does; `alpha` says where the surface is taken to be there. One that is not trusted hides
+        what is behind it, and nothing is filled on it.
     """
     seeing = [photo for photo in photos if photo.unseen.any()]
     if not seeing:
@@ -42,14 +43,16 @@ def find_charts(
     evidence = gather(seeing, sparse, seed, settings)
     planes = find_planes(evidence, mean_eye([photo.camera for photo in seeing]), seed, settings)
     charts = [textured(photos, frame, settings) for frame in lay_out(planes, photos, seed, settings)]
-    solids = [occupancy(chart.known, chart.through, chart.wanted, seed, settings.trusted) for chart in charts]
-    pairs = [(chart.frame, solid) for chart, solid in zip(charts, solids, strict=True)]
-    hits = in_front(pairs, seeing, settings)
-    decided = [_decided(*each) for each in zip(charts, solids, hits, strict=True)]
+    states = [occupancy(chart.known, chart.through, chart.wanted, seed, settings.trusted) for chart in charts]
+    surfaces = [(chart.frame, state.solid) for chart, state in zip(charts, states, strict=True)]
+    hits = in_front(surfaces, seeing, settings)
+    decided = [_decided(*each) for each in zip(charts, states, hits, strict=True)]
+    if not any(chart.trusted for chart in decided):
+        return []
     return [chart for chart in decided if chart.known.any()]
 
 
-def _decided(chart: Chart, solid: np.ndarray, hit: np.ndarray) -> Chart:
+def _decided(chart: Chart, state: Occupancy, hit: np.ndarray) -> Chart:
     """A chart whose occupancy is decided where the hole shows it."""
     import cv2
 
@@ -57,5 +60,6 @@ def _decided(chart: Chart, solid: np.ndarray, hit: np.ndarray) -> Chart:
     seen[hit[:, 0], hit[:, 1]] = 1
     box = np.ones((GAP, GAP), np.uint8)
     shown = cv2.dilate(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, box), box) > 0
-    wanted = solid & ~chart.known & shown
-    return replace(chart, wanted=wanted, alpha=(chart.known | wanted).astype(np.float32))
+    wanted = state.solid & ~chart.known & shown & state.trusted
+    alpha = (chart.known | wanted).astype(np.float32)
+    return replace(chart, wanted=wanted, alpha=alpha, trusted=state.trusted)

@@ -83,7 +83,8 @@ def _candidate(
     if not known.any():
         return None
     wanted = votes.unseen & ~known & ~through
-    return Candidate(frame, occupancy(known, through, wanted, seed, settings.trusted), finest)
+    solid = occupancy(known, through, wanted, seed, settings.trusted).solid
+    return Candidate(frame, solid, finest)
 
 
 def in_front(

@@ -6,6 +6,8 @@ beside it lies on one or two lines, these go on behind the object. Any other bou
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from diga3d_warp.surfaces.membrane import membrane
@@ -37,9 +39,22 @@ LARGEST = 160
 """Longer side at which a boundary is continued smoothly [texels]; it has no finer detail."""
 
 
+class Occupancy(NamedTuple):
+    """Where a surface is.
+
+    Attributes:
+        solid: shape (H, W), bool.
+        trusted: Whether what photographs tell of the unknown part's surroundings bears the surface out. Depth
+            may agree with a plane here and there without one: that of a hedge, or of a floor without texture.
+    """
+
+    solid: np.ndarray
+    trusted: bool
+
+
 def occupancy(
     known: np.ndarray, through: np.ndarray, wanted: np.ndarray, seed: int, trusted: float = 0.0
-) -> np.ndarray:
+) -> Occupancy:
     """Occupancy of a chart with its unknown part decided.
 
     Args:
@@ -51,20 +66,20 @@ def occupancy(
             where no lines explain it. With less it is left alone.
 
     Returns:
-        shape (H, W), bool: `known`, and where the rest is taken for surface. Nothing is without a known part.
+        `known`, and where the rest is taken for surface. Nothing is without a known part.
     """
     if not known.any():
-        return known.copy()
+        return Occupancy(known.copy(), False)
     if not through.any():
-        return ~through
+        return Occupancy(~through, True)
     found = _by_lines(known, through, wanted, seed)
     if found is not None:
-        return known | (found & ~through)
+        return Occupancy(known | (found & ~through), True)
     told = (known | through) & _near(wanted)
     if known[told].sum() < trusted * told.sum():
-        return known.copy()
+        return Occupancy(known.copy(), False)
     inside = _smoothly(known, through) & ~through & ~known
-    return known | _borne_out(inside, known, through, trusted)
+    return Occupancy(known | _borne_out(inside, known, through, trusted), True)
 
 
 def _borne_out(inside: np.ndarray, known: np.ndarray, through: np.ndarray, trusted: float) -> np.ndarray:
