@@ -94,10 +94,16 @@ def by_situation(results: Results, head: str) -> Table:
 
 
 def draw_plot(path: Path, results: Results) -> None:
-    """PSNR of unseen pixels by situation: a mark for each seed, a line through the means of a method."""
+    """PSNR of unseen pixels by situation: a mark for each seed, a line through the means of a method.
+
+    Methods that are given all views are left out: before the fit they are nearly the truth.
+    """
     situations = _situations(results)
     with plot(path) as axes:
         for method in _methods(results):
+            removal = METHODS[method]
+            if isinstance(removal, Removal) and removal.given == "all":
+                continue
             means = []
             for place, situation in enumerate(situations):
                 values = [
@@ -157,10 +163,11 @@ is that between the captures.
   each view alone, those views filled in the same way.
 - **depth error**: median of |z - z*| / z* of the rendered views in unseen pixels.
 - **elsewhere**: views without the object from other places than the cameras', whole images.
-- **edit**: from the choice of references to the finished splat; for fills of each view, of all fitted views.
+- **edit**: wall time from the choice of references to the finished splat, whatever else ran; for fills of
+  each view, of all fitted views.
 - **true references**, **true views**: {references} references, or all fitted views, are given as they truly
-  are, as `--fill` takes them; the latter have no error before the fit. What true references lose against true
-  views is lost by propagation; what those lose, by the splat.
+  are, as `--fill` takes them; the latter differ from the truth before the fit only where the removal took an
+  unseen pixel for seen. What true references lose against true views after the fit is lost by propagation.
 {missing}
 The pictures show the captures where {PICTURED} is best (upper two rows) and worst (lower two) by PSNR of
 unseen pixels: the view with the most of them, as filled and as rendered from the edited splat.
