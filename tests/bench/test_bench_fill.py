@@ -185,3 +185,9 @@ def test_an_unknown_situation_is_one_line(capsys):
         main(["bench", "fill", "--situations", "rug,kitchen"])
     error = capsys.readouterr().err
     assert stopped.value.code == 2 and error.count("\n") == 1 and "'kitchen'" in error
+
+
+def test_too_few_views_are_one_line(capsys):
+    assert main(["bench", "fill", "--views", "3"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "use 6 or more" in error

@@ -7,7 +7,11 @@ from dataclasses import dataclass, field
 from typing import TypedDict
 
 from diga3d_warp.bench.ablation.measure import SETTINGS
+from diga3d_warp.errors import InputError
 from diga3d_warp.pipelines.remove import RemoveSettings
+
+FEWEST_VIEWS = 6
+"""Every 4th view is held out, and three of the others are references."""
 
 
 @dataclass(frozen=True)
@@ -20,6 +24,9 @@ class Captures:
         width, height: Image size [px].
         views: Number of views, every `HOLD_OUT`th of which is held out.
         settings: Of the removals but for their method.
+
+    Raises:
+        InputError: there are too few views to hold some out.
     """
 
     situations: Sequence[str]
@@ -28,6 +35,12 @@ class Captures:
     height: int = 120
     views: int = 16
     settings: RemoveSettings = field(default_factory=lambda: SETTINGS)
+
+    def __post_init__(self) -> None:
+        if self.views < FEWEST_VIEWS:
+            raise InputError(
+                f"{self.views} views leave too few to fit and to hold out: use {FEWEST_VIEWS} or more"
+            )
 
     @property
     def cells(self) -> list[tuple[str, int]]:
