@@ -10,12 +10,11 @@ from diga3d_warp.bench.fill import measure, page
 from diga3d_warp.bench.fill.captures import Captures, Figures
 from diga3d_warp.bench.fill.cell import Cell, picture_path
 from diga3d_warp.bench.fill.measure import available_priors, measure_all
-from diga3d_warp.bench.fill.methods import METHODS, PICTURED, Removal
+from diga3d_warp.bench.fill.methods import METHODS, PICTURED, UNCHARTED, Removal
 from diga3d_warp.bench.fill.truth import unseen_pixels
 from diga3d_warp.cli import main
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.fit import FitSettings
-from diga3d_warp.pipelines.method import WARPED
 from diga3d_warp.pipelines.remove import REFIT, RemoveSettings
 from diga3d_warp.priors.classical import mean_color_fill
 from diga3d_warp.scene.camera import Camera, look_at
@@ -26,7 +25,7 @@ TINY = RemoveSettings(
     refit=replace(REFIT, iterations=10),
 )
 CAPTURES = Captures(("corner",), seeds=1, width=64, height=48, views=7, settings=TINY)
-QUICK = replace(WARPED, references=2)
+QUICK = replace(UNCHARTED, references=2)
 COMPARED = {
     "mean colour": mean_color_fill,
     "classical": Removal("classical", QUICK),
@@ -160,7 +159,9 @@ def test_page(monkeypatch, tmp_path):
     captures = Captures(("rug", "tiles"), seeds=2)
     results = {
         place: {
-            name: made_up(15.0 + 2 * index + place[1]) for index, name in enumerate(METHODS) if name != "lama"
+            name: made_up(15.0 + 2 * index + place[1])
+            for index, name in enumerate(METHODS)
+            if "lama" not in name
         }
         for place in captures.cells
     }
@@ -169,7 +170,7 @@ def test_page(monkeypatch, tmp_path):
     monkeypatch.setattr(page, "measure_all", lambda *_: results)
     monkeypatch.setattr(page, "read_picture", lambda path: rng.random((12, 16, 3), np.float32))
     tables = page.bench_fill(tmp_path / "out", tmp_path / "work", captures)
-    assert [len(table.rows) for table in tables] == [len(METHODS) - 1] * 3
+    assert [len(table.rows) for table in tables] == [len(METHODS) - 2] * 3
     assert tables[1].columns == ["", "rug", "tiles"]
     text = (tmp_path / "out" / "fill.md").read_text()
     assert "**lama** is not measured: no weights." in text

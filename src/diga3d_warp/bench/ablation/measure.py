@@ -37,7 +37,7 @@ SETTINGS = RemoveSettings(
 """Fewer iterations than a removal takes by default: a quarter of the pixels, and the gaussians of the hole
 start on the filled surface."""
 
-COARSE = ("references", "fill", "propagate", "refit")
+COARSE = ("references", "charts", "fill", "propagate", "refit")
 """Stages that the fine stage builds on."""
 
 EDIT = (*COARSE, "distil")

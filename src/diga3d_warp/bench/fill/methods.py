@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -31,14 +31,20 @@ class Removal:
     given: Literal["none", "references", "all"] = "none"
 
 
+UNCHARTED = replace(WARPED, surfaces=False)
+"""References filled as images, without charts of the surfaces behind the object."""
+
 METHODS: Mapping[str, PerView | Removal] = {
     "mean colour of each view": mean_color_fill,
     "Telea on each view": telea_fill,
-    "classical": Removal("classical"),
-    "exemplar": Removal("exemplar"),
-    "lama": Removal("lama"),
-    "true references": Removal("classical", given="references"),
-    "true views": Removal("classical", given="all"),
+    "classical": Removal("classical", UNCHARTED),
+    "exemplar": Removal("exemplar", UNCHARTED),
+    "lama": Removal("lama", UNCHARTED),
+    "charts with classical": Removal("classical"),
+    "charts with exemplar": Removal("exemplar"),
+    "charts with lama": Removal("lama"),
+    "true references": Removal("classical", UNCHARTED, given="references"),
+    "true views": Removal("classical", UNCHARTED, given="all"),
 }
 """Methods by name. The last two are ceilings: true references, then propagated; true views, then fitted."""
 
