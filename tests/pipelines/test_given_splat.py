@@ -11,6 +11,7 @@ import torch
 from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
+from diga3d_warp.gaussians.surround import SURROUND
 from diga3d_warp.pipelines import clearing, stages
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.formats.read import read_splat
@@ -63,3 +64,29 @@ def test_stages_read_back_every_row_that_they_wrote(room, tmp_path):
         cleared.gaussians.named(), source.select(~rows).named(), strict=True
     ):
         torch.testing.assert_close(mine, theirs, rtol=0, atol=0, msg=name)
+
+
+def test_a_surround_is_published_behind_the_splat_and_taken_back(room, tmp_path, monkeypatch):
+    """Stages do without it: a fit that comes back as a given splat has as many gaussians as before."""
+    monkeypatch.setattr(stages, "priced", lambda plan, *_: plan)
+    first = Run(tmp_path / "first", "fit", {})
+    working = stages.begin(first, load_scene(room))
+    assert first.effects.surround
+    kept = stages.fit_source(first, working, FitSettings(iterations=3, budget=0), seed=0)
+    published, _ = stages.finish(first, "fit")
+    assert len(published) == len(kept) + SURROUND.count
+    content = read_splat(first.folder / "point_cloud.ply")
+    assert content.surround == SURROUND.count and len(content.scene) == len(kept)
+    distances = np.linalg.norm(content.shell.means - content.scene.means.mean(axis=0), axis=1)
+    assert distances.min() > np.linalg.norm(content.scene.means, axis=1).max()
+
+    again = Run(tmp_path / "again", "fit", {})
+    given = stages.begin(again, replace(load_scene(room), splat=first.folder / "point_cloud.ply"))
+    assert len(stages.fit_source(again, given, FitSettings(), seed=0)) == len(kept)
+    republished, _ = stages.finish(again, "fit")
+    torch.testing.assert_close(republished.means, published.means, rtol=1e-5, atol=1e-5)
+
+    without = Run(tmp_path / "without", "fit", {})
+    plain = stages.begin(without, load_scene(room), {"surround": False})
+    fitted = stages.fit_source(without, plain, FitSettings(iterations=3, budget=0), seed=0)
+    assert len(stages.finish(without, "fit")[0]) == len(fitted)

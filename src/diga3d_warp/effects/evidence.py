@@ -11,8 +11,10 @@ from diga3d_warp.config import Effects
 from diga3d_warp.effects.observations import Observations
 from diga3d_warp.effects.thresholds import LEVELS, Thresholds
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.surround import SURROUND, sphere
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.scene import View
+from diga3d_warp.scene.visible_points import visible_points
 from diga3d_warp.splatting.optics import optics_of
 from diga3d_warp.splatting.render import render
 from diga3d_warp.splatting.shade import MAX_DEGREE
@@ -53,6 +55,15 @@ def transparency(views: Sequence[View]) -> tuple[float, int]:
     parts = [0.0 if view.alpha is None else 1.0 - float(view.alpha.mean()) / LEVELS for view in views]
     areas = [view.pixels.shape[0] * view.pixels.shape[1] for view in views]
     return float(np.average(parts, weights=areas)), sum(part > 0.0 for part in parts)
+
+
+def directions_seen(cameras: Sequence[Camera]) -> float:
+    """Share of all directions that at least one camera looks into [ratio]."""
+    around = sphere(SURROUND.count)
+    seen = np.zeros(len(around), bool)
+    for camera in cameras:
+        seen[visible_points(camera, camera.center + around).index] = True
+    return float(seen.mean())
 
 
 def color_transforms(observed: Observations, thresholds: Thresholds) -> np.ndarray:

@@ -99,6 +99,7 @@ def plan_effects(
     gaussians: Gaussians | None = None,
     *,
     antialiased: bool = False,
+    surrounded: bool = False,
     overrides: Mapping[str, bool | int] | None = None,
     thresholds: Thresholds = THRESHOLDS,
 ) -> EffectsPlan:
@@ -113,6 +114,7 @@ def plan_effects(
         gaussians: A splat that the scene came with. It is rendered as it was fitted: with all its harmonics,
             by the order of centres, without exposure.
         antialiased: Whether that splat was fitted with anti-aliasing.
+        surrounded: Whether that splat came with a surround.
         overrides: Effects on which the user insists, by name; later evidence takes them into account. See
             `parse_overrides`.
         thresholds: When the evidence suffices.
@@ -161,6 +163,11 @@ def plan_effects(
     choose("median_depth", False, "no stage compares it", "task")
     choose("normals", False, "no stage compares them", "task")
     choose("background", *_background(scene, thresholds))
+    if gaussians is not None:
+        said = "it lies behind the splat" if surrounded else "the splat is taken as it is"
+        choose("surround", surrounded, said, "splat")
+    else:
+        choose("surround", *_surround(scene))
     choose("deterministic", False, "sums on CPU have a fixed order without it", "task")
     order = [entry.name for entry in fields(Effects)]
     return EffectsPlan(tuple(sorted(choices, key=lambda c: order.index(c.effect))), tuple(notes))
@@ -190,6 +197,13 @@ def _background(scene: Scene, thresholds: Thresholds) -> tuple[bool, str]:
         return False, "the photographs cover their frames"
     said = f"{100 * part:.3g} % of all pixels are transparent, in {count} of {len(scene.views)} photographs"
     return part >= thresholds.transparency, said
+
+
+def _surround(scene: Scene) -> tuple[bool, str]:
+    if evidence.transparency(scene.views)[1]:
+        return False, "the photographs are transparent: nothing is behind what they show"
+    seen = evidence.directions_seen([view.camera for view in scene.views])
+    return True, f"the photographs look into {100 * seen:.0f} % of all directions"
 
 
 def _splat_order(scene: Scene, gaussians: Gaussians, thresholds: Thresholds) -> str:

@@ -40,6 +40,10 @@ class FitSettings:
         opacity_weight, scale_weight: Weights of the mean opacity and the mean scale [1, 1 / scene extent];
             they make useless gaussians fade, so that they can be moved. 3DGS-MCMC: 0.01 each, which over a
             short fit costs sharpness.
+        transmittance_weight: Weight of the mean light that the splat lets through, where a surround will lie
+            behind it [1]; not of an edit, whose gaussians would close gaps of the scene around them. At 0.01
+            a fit of a lawn with bushes lets 0.1 % through and loses 0.1 dB on held-out views; at 0.05,
+            0.25 dB.
         coarse_part: Part of the iterations that sees images of half the size: they cost a quarter, and
             the first shapes need no more.
         sh_steps: Parts of the iterations after which degree 1, 2 and 3 of the harmonics join in, as far as
@@ -56,6 +60,7 @@ class FitSettings:
     depth_weight: float = 0.0
     opacity_weight: float = 0.001
     scale_weight: float = 0.001
+    transmittance_weight: float = 0.01
     coarse_part: float = 0.3
     sh_steps: tuple[float, ...] = (0.3, 0.5, 0.7)
     rates: LearningRates = field(default_factory=LearningRates)
@@ -222,6 +227,8 @@ class _Fit:
 
         regularised = loss + s.opacity_weight * gaussians.opacities.mean()
         regularised = regularised + s.scale_weight * gaussians.scales.mean() / self.extent
+        if self.effects.surround and self.held is None:
+            regularised = regularised + s.transmittance_weight * (1.0 - rendering.alpha).mean()
         gradients = torch.autograd.grad(regularised, sources)
         if target.guide is not None:
             self._require_finite({"gradient of the guide": gradients[-1].sum()}, index)

@@ -55,7 +55,7 @@ def initialise(points: Points, coefficients: int = 16) -> Gaussians:
     apart = np.sqrt((distances[:, 1:] ** 2).mean(axis=1)) if nearest > 1 else np.ones(len(positions))
     usual = float(np.median(apart[apart > 0.0])) if (apart > 0.0).any() else 1.0
     log_scales = np.log(np.maximum(apart, SMALLEST * usual))
-    return _round(positions, log_scales, colors / 255.0, OPACITY, coefficients)
+    return round_gaussians(positions, log_scales, colors / 255.0, OPACITY, coefficients)
 
 
 def from_image(
@@ -81,7 +81,7 @@ def from_image(
     positions = (local - pose[:3, 3]) @ pose[:3, :3]
     sizes = FILL_WIDTH * step * z / (0.5 * (camera.fx + camera.fy))
     log_scales = np.log(np.maximum(sizes, np.finfo(np.float64).tiny))
-    return _round(positions, log_scales, image[rows, columns], FILL_OPACITY, coefficients)
+    return round_gaussians(positions, log_scales, image[rows, columns], FILL_OPACITY, coefficients)
 
 
 def _spread(usable: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, int]:
@@ -99,7 +99,7 @@ def _spread(usable: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, int]
         step += 1
 
 
-def _round(
+def round_gaussians(
     positions: np.ndarray, log_scales: np.ndarray, colors: np.ndarray, opacity: float, coefficients: int
 ) -> Gaussians:
     """Round gaussians of one opacity; colours (N, 3) in [0, 1]."""

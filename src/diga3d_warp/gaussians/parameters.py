@@ -120,6 +120,7 @@ class Gaussians:
         path: Path | str,
         *,
         antialiased: bool = False,
+        surround: int = 0,
     ) -> None:
         """Write a 3DGS .ply; see `scene.formats.standard_ply.write_ply`.
 
@@ -127,4 +128,7 @@ class Gaussians:
         """
         rows = self.rows()
         double = needs_double(rows.means, rows.log_scales)
-        write_ply(Path(path), rows, positions="double" if double else "float", antialiased=antialiased)
+        write_ply(
+            Path(path), rows, positions="double" if double else "float", antialiased=antialiased,
+            surround=surround,
+        )  # fmt: skip

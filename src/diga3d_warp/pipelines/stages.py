@@ -25,6 +25,7 @@ from diga3d_warp.gaussians.exposure import exposure_corrected
 from diga3d_warp.gaussians.fit import FitResult, FitSettings, fit
 from diga3d_warp.gaussians.initialise import initialise
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.surround import surround_of
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.gaussians.thinning import thinned
 from diga3d_warp.gaussians.working import to_user, to_working
@@ -49,6 +50,8 @@ from diga3d_warp.splatting.shade import coefficient_count
 from diga3d_warp.state import read_array, read_state
 
 GAUSSIANS = RESULT
+SHELL = "surround.ply"
+"""In the folder of the fit: what lies behind everything; stages do without it."""
 LIFT = "lift"
 CURVE = "curve.json"
 PLAN = "plan.json"
@@ -112,9 +115,14 @@ def begin(run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = N
 
     def compute(folder: Path) -> None:
         given = read_splat(scene.splat) if scene.splat else None
-        splat = to_working(Gaussians.from_rows(given.rows), run.frame) if given else None
-        antialiased = given is not None and given.antialiased
-        plan = plan_effects(working, splat, antialiased=antialiased, overrides=overrides)
+        splat = to_working(Gaussians.from_rows(given.scene), run.frame) if given else None
+        antialiased, surrounded = (
+            given is not None and given.antialiased,
+            given is not None and given.surround > 0,
+        )
+        plan = plan_effects(
+            working, splat, antialiased=antialiased, surrounded=surrounded, overrides=overrides
+        )
         if antialiased and plan.effects.antialias:
             run.note("the splat was fitted with anti-aliasing, and is drawn with it")
         drawn = splat or initialise(thinned(working.points, PRICED_MOST))
@@ -137,8 +145,11 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
     def compute(folder: Path) -> None:
         if scene.splat is not None:
             run.note(f"{scene.splat.name} is taken as it is, not fitted again")
-            given = to_working(Gaussians.from_rows(read_splat(scene.splat).rows), run.frame)
+            content = read_splat(scene.splat)
+            given = to_working(Gaussians.from_rows(content.scene), run.frame)
             given.save_ply(folder / GAUSSIANS, antialiased=run.effects.antialias)
+            if content.surround and run.effects.surround:
+                to_working(Gaussians.from_rows(content.shell), run.frame).save_ply(folder / SHELL)
             write_json(folder / CURVE, {"curve": []})
             return
         targets = [
@@ -157,6 +168,12 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
             seed=seed, checkpoint=folder / "checkpoint.pt", note=run.note, progress=True,
         )  # fmt: skip
         keep_fit(run, folder, result)
+        if run.effects.surround:
+            shell = surround_of(
+                [view.camera for view in scene.views], [view.pixels for view in scene.views],
+                result.gaussians.means, scene.extent, coefficients,
+            )  # fmt: skip
+            shell.save_ply(folder / SHELL)
 
     return fitted(run, "fit", compute)
 
@@ -238,6 +255,7 @@ def choose_references(
 
 def show_views(run: Run, scene: Scene, before: Gaussians | None, after: Gaussians) -> None:
     """Pictures of every view before and after; before a fit, that is the photograph."""
+    before, after = None if before is None else _surrounded(run, before), _surrounded(run, after)
 
     def compute(folder: Path) -> None:
         for view in [*scene.views, *scene.test_views]:
@@ -269,11 +287,20 @@ def finish(run: Run, result: str, masks: str = LIFT) -> tuple[Gaussians, Gaussia
 
 def _publish_splat(run: Run, stage: str, name: str) -> Gaussians:
     working = Gaussians.load_ply(run.folder / "stages" / stage / GAUSSIANS, every_row=True)
-    gaussians = to_user(working, run.frame)
-    gaussians.save_ply(run.folder / name, antialiased=run.effects.antialias)
+    joined = _surrounded(run, working)
+    gaussians = to_user(joined, run.frame)
+    gaussians.save_ply(
+        run.folder / name, antialiased=run.effects.antialias, surround=len(joined) - len(working)
+    )
     if gaussians.means.dtype == torch.float64:
         run.note(f"{name} holds x, y, z as double: the scene lies too far from the origin for float32")
     return gaussians
+
+
+def _surrounded(run: Run, gaussians: Gaussians) -> Gaussians:
+    """The splat of a stage with the surround behind it, if the run has one."""
+    shell = run.folder / "stages" / "fit" / SHELL
+    return gaussians.joined(Gaussians.load_ply(shell, every_row=True)) if shell.is_file() else gaussians
 
 
 def _publish_pictures(run: Run, source: Path, name: str) -> None:

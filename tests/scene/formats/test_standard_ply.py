@@ -184,6 +184,24 @@ def test_antialiasing_is_read_from_comments(file, comments, expected):
     assert read_splat(file).antialiased is expected
 
 
+@pytest.mark.parametrize(
+    ("comment", "rows"),
+    [("SurroundRows: 12", 12), ("SurroundRows: 50", 0), ("SurroundRows: -3", 0), ("SurroundRows: many", 0)],
+)
+def test_a_surround_is_read_from_a_comment(file, comment, rows):
+    """One that covers all rows or is no number is none."""
+    rewrite(file, vertices(file), comments=[comment])
+    content = read_splat(file)
+    assert content.surround == rows and len(content.scene) == 50 - rows and len(content.shell) == rows
+
+
+def test_a_surround_is_written_as_a_comment(tmp_path, splat):
+    splat.save_ply(tmp_path / "splat.ply", surround=20)
+    content = read_splat(tmp_path / "splat.ply")
+    np.testing.assert_array_equal(content.shell.means, content.rows.means[30:])
+    np.testing.assert_array_equal(content.scene.means, content.rows.means[:30])
+
+
 def test_unusable_rows_are_left_out_with_a_note(file, splat):
     rows = vertices(file).copy()
     rows["x"][3] = np.nan

@@ -59,7 +59,8 @@ def read_splat(path: Path, *, every_row: bool = False) -> SplatContent:
         raise InputError(
             f"{path}: none of its {len(content.rows)} gaussians is usable; export the splat again"
         )
-    return SplatContent(rows, content.antialiased, [*content.notes, *notes])
+    surround = min(content.surround, len(rows) - 1)
+    return SplatContent(rows, content.antialiased, [*content.notes, *notes], surround)
 
 
 def read_splat_points(path: Path) -> tuple[Points, list[str]]:
@@ -69,7 +70,7 @@ def read_splat_points(path: Path) -> tuple[Points, list[str]]:
         InputError: as `read_splat`.
     """
     content = read_splat(path)
-    return Points(content.rows.means, content.rows.colors), content.notes
+    return Points(content.scene.means, content.scene.colors), content.notes
 
 
 def check_count(path: Path, count: int) -> None:

@@ -63,8 +63,20 @@ class SplatContent:
         rows: Its gaussians.
         antialiased: Whether they were fitted with Mip-Splatting's 2D filter, and must be drawn with it.
         notes: What was guessed, changed or left out, one line each.
+        surround: How many rows at the end are the shell behind everything that this program writes.
     """
 
     rows: SplatRows
     antialiased: bool = False
     notes: list[str] = field(default_factory=list)
+    surround: int = 0
+
+    @property
+    def scene(self) -> SplatRows:
+        """The rows without the surround."""
+        return self.rows.select(np.arange(len(self.rows) - self.surround))
+
+    @property
+    def shell(self) -> SplatRows:
+        """The rows of the surround."""
+        return self.rows.select(np.arange(len(self.rows) - self.surround, len(self.rows)))

@@ -30,6 +30,9 @@ REST_COUNTS = {0: 0, 9: 3, 24: 8, 45: 15, 72: 24}
 
 ANTIALIASED = "SplatRenderMode: mip"
 
+SURROUND = "SurroundRows:"
+"""How many rows at the end are the shell behind everything, `gaussians.surround`; our own comment."""
+
 
 def antialiased_by(comments: Iterable[str]) -> bool:
     """Whether header comments call a splat anti-aliased; the last that says anything decides."""
@@ -43,12 +46,22 @@ def antialiased_by(comments: Iterable[str]) -> bool:
     return found
 
 
+def surround_by(comments: Iterable[str], count: int) -> int:
+    """How many of the rows header comments call a surround; 0 where the number makes no sense."""
+    for comment in comments:
+        name, _, number = comment.strip().partition(" ")
+        if name == SURROUND and number.isascii() and number.isdigit():
+            return int(number) if int(number) < count else 0
+    return 0
+
+
 def write_ply(
     path: Path,
     rows: SplatRows,
     *,
     positions: Literal["float", "double"] = "float",
     antialiased: bool = False,
+    surround: int = 0,
 ) -> None:
     """Write gaussians as a standard 3DGS .ply, through a temporary file that is renamed at the end.
 
@@ -58,11 +71,12 @@ def write_ply(
         positions: Type of x, y, z. As "double" they keep coordinates far from the origin, such as UTM's, but
             some viewers read "float" only.
         antialiased: Say in a comment that the splat was fitted with Mip-Splatting's 2D filter.
+        surround: Say in a comment that so many rows at the end are a surround.
 
     Raises:
         InputError: the file cannot be written.
     """
-    header, table = ply_contents(rows, REST, positions=positions, antialiased=antialiased)
+    header, table = ply_contents(rows, REST, positions=positions, antialiased=antialiased, surround=surround)
     with whole_file(path) as partial, partial.open("wb") as file:
         file.write(header)
         file.write(table.tobytes())  # unlike `tofile`, it says why if the disk is full
@@ -74,6 +88,7 @@ def ply_contents(
     *,
     positions: Literal["float", "double"] = "float",
     antialiased: bool = False,
+    surround: int = 0,
 ) -> tuple[bytes, np.ndarray]:
     """Header and rows of a 3DGS .ply with so many coefficients above degree 0; else as `write_ply`."""
     count = len(rows)
@@ -97,6 +112,7 @@ def ply_contents(
         table[names] = block
     header = ["ply", "format binary_little_endian 1.0"]
     header += [f"comment {ANTIALIASED}"] if antialiased else []
+    header += [f"comment {SURROUND} {surround}"] if surround else []
     header.append(f"element vertex {count}")
     header += [f"property {kind} {name}" for names, kind in kinds.items() for name in names.split()]
     return "\n".join([*header, "end_header", ""]).encode("ascii"), table
@@ -147,4 +163,5 @@ def read_standard_ply(path: Path, header: Header) -> SplatContent:
         opacity_logits=block("opacity")[:, 0],
         sh=np.stack([block("f_dc_0", "f_dc_1", "f_dc_2"), *rest], axis=1),
     )
-    return SplatContent(rows, antialiased_by(header.comments), notes)
+    surround = surround_by(header.comments, len(rows))
+    return SplatContent(rows, antialiased_by(header.comments), notes, surround)
