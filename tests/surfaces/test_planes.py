@@ -114,3 +114,27 @@ def test_depth_is_that_of_the_plane():
     seen = photo(camera_at(EYES[1]))
     floor = Plane(np.array([0.0, 0.0, 1.0]), 0.0, NO_POINTS)
     np.testing.assert_allclose(floor.depth(seen.camera), seen.depth, rtol=1e-4)
+
+
+def test_sparse_points_outweigh_depth_that_is_wrong():
+    """A glossy floor: its splat lies as a plane of its own below it, and photographs agree on the floor."""
+    rng = np.random.default_rng(0)
+    wrong = plane_points(rng, (0.3, 0.0, 1.0), -0.3, 3000)
+    right = plane_points(rng, (0, 0, 1), 0.0, 2600, 0.005)
+    sparse = plane_points(rng, (0, 0, 1), 0.0, 300, 0.002)
+    sparse = Evidence(sparse.points, np.zeros_like(sparse.points), sparse.depths)
+    eye = np.array([0.0, 0.0, 5.0])
+    assert abs(find_planes(joined(wrong, right), eye, 0)[0].offset) > 0.1
+    assert abs(find_planes(joined(wrong, right, sparse), eye, 0)[0].offset) < 0.01
+
+
+def test_a_mound_is_bent():
+    rng = np.random.default_rng(0)
+    flat = plane_points(rng, (0, 0, 1), 0.0, 4000)
+    points = flat.points.copy()
+    points[:, 2] = 0.3 * (points[:, 0] ** 2 + points[:, 1] ** 2) + 0.005 * rng.standard_normal(4000)
+    mound = Evidence(points, flat.normals, flat.depths)
+    plane = find_planes(mound, np.array([0.0, 0.0, 5.0]), 0)[0]
+    assert plane.bend is not None
+    assert np.median(np.abs(plane.distances(points))) < 0.01
+    assert find_planes(flat, np.array([0.0, 0.0, 5.0]), 0)[0].bend is None

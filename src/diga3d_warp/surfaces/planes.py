@@ -156,9 +156,8 @@ def _best(
     """Normal and offset of the random plane with most of the points."""
     from scipy.spatial import cKDTree
 
-    checked = evidence
-    if len(evidence) > CHECKED:
-        checked = evidence.select(np.sort(rng.choice(len(evidence), CHECKED, replace=False)))
+    deep = np.asarray(evidence.normals.any(axis=1))  # sparse points have no normal
+    checked = evidence.select(np.concatenate([_some(deep, rng), _some(~deep, rng)]))
     first = rng.integers(0, len(checked), settings.trials)
     count = min(NEAREST, len(checked))
     _, near = cKDTree(checked.points).query(checked.points[first], k=np.arange(1, count + 1))
@@ -180,10 +179,23 @@ def _best(
     offsets = (normals * places).sum(axis=1)
     votes = np.abs(checked.points @ normals.T - offsets) < settings.tolerance * checked.depths[:, None]
     facing = np.abs(checked.normals @ normals.T)
-    facing[~checked.normals.any(axis=1)] = 1.0  # sparse points have none
+    sparse = ~checked.normals.any(axis=1)
+    facing[sparse] = 1.0  # sparse points have none
     votes &= facing >= settings.tilt
-    best = int(votes.sum(axis=0).argmax())
+    # Depth is everywhere, and sparse points are where they are because photographs agree on them.
+    shares = votes[~sparse].sum(axis=0) / max(int((~sparse).sum()), 1)
+    if sparse.sum() >= NEAREST:
+        shares = shares + votes[sparse].sum(axis=0) / sparse.sum()
+    best = int(np.argmax(shares))
     return normals[best], float(offsets[best])
+
+
+def _some(rows: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Indices of some of the rows, `CHECKED` at most."""
+    indices = np.flatnonzero(rows)
+    if len(indices) <= CHECKED:
+        return indices
+    return np.sort(rng.choice(indices, CHECKED, replace=False))
 
 
 def _facing(normal: np.ndarray, evidence: Evidence) -> np.ndarray:

@@ -53,10 +53,6 @@ class SurfaceSettings:
         alpha: Alpha from which a texel is occupied [1].
         hidden_votes: Share of the photographs that speak of a place which may see through it [1]: the rest
             are floaters.
-        refine_views: Photographs that agree on a plane, at most.
-        refine_texels: Side of the grid on which they are compared [texels].
-        refine_steps: Gauss-Newton steps. The start is within some texels; convergence takes 3 to 5.
-        refine_most: Farthest that photographs may move a plane [tolerances].
         seeds: Gaussians that start on charts, at most; about the density of a fitted image.
     """
 
@@ -87,10 +83,6 @@ class SurfaceSettings:
     sharpness: float = 4.0
     alpha: float = 0.5
     hidden_votes: float = 0.5
-    refine_views: int = 8
-    refine_texels: int = 96
-    refine_steps: int = 5
-    refine_most: float = 2.0
     seeds: int = 24_000
 
 
