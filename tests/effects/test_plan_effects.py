@@ -24,8 +24,7 @@ from diga3d_warp.scene.camera import Distortion
 from diga3d_warp.scene.load import load_scene
 from scenes import random_gaussians
 
-OFF = Effects(sh_degree=0, lens=False, depth=False, background=False, surround=True)
-"""What opaque photographs of a matte scene call for: nothing but a surround behind it."""
+OFF = Effects(sh_degree=0, lens=False, depth=False, background=False)
 
 GAINS = tuple(1.0 + 0.15 * np.sin(2.5 * np.arange(14)))
 
@@ -117,7 +116,7 @@ def test_too_few_points_keep_the_defaults_and_say_so():
 
 def test_a_splat_is_rendered_as_it_was_fitted(matte):
     plan = plan_effects(matte, random_gaussians(10, degree=2))
-    assert plan.effects == Effects(**{**vars(OFF), "sh_degree": 2, "surround": False})
+    assert plan.effects == Effects(**{**vars(OFF), "sh_degree": 2})
     assert by(plan, "sh_degree") == by(plan, "exposure") == by(plan, "pixel_order") == "splat"
     assert said(plan, "pixel_order").startswith("fitted without; sorting each pixel would change it by")
 
@@ -241,7 +240,7 @@ def cut_out(scene, share: float, every: int = 1):
 
 def test_transparent_pixels_call_for_a_background_and_for_nothing_else(matte):
     plan = plan_effects(cut_out(matte, 0.25))
-    assert plan.effects == Effects(**{**vars(OFF), "background": True, "surround": False})
+    assert plan.effects == Effects(**{**vars(OFF), "background": True})
     assert by(plan, "background") == "scene"
     assert said(plan, "background") == "25 % of all pixels are transparent, in 14 of 14 photographs"
     assert "12.5 %" in said(plan_effects(cut_out(matte, 0.25, every=2)), "background")
@@ -256,12 +255,12 @@ def test_opaque_photographs_call_for_no_background(matte):
     assert said(plan, "background") == "the photographs cover their frames"
 
 
-def test_opaque_photographs_call_for_a_surround(matte):
+def test_a_surround_is_the_users_choice(matte):
     plan = plan_effects(matte)
-    assert plan.effects.surround and by(plan, "surround") == "scene"
+    assert not plan.effects.surround and by(plan, "surround") == "default"
     share = said(plan, "surround").removeprefix("the photographs look into ").split(" ")[0]
     assert 0 < int(share) < 60
-    assert not plan_effects(matte, overrides={"surround": False}).effects.surround
+    assert plan_effects(matte, overrides={"surround": True}).effects.surround
 
 
 def test_a_given_splat_keeps_its_surround_and_gets_none(matte):

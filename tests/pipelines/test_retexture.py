@@ -15,7 +15,6 @@ from tiny_removal import SETTINGS
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.lift import object_share
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.gaussians.surround import SURROUND
 from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retexture_object
 from diga3d_warp.pipelines.run import Run
 
@@ -79,19 +78,17 @@ def test_what_is_unmasked_stays(golden, removed):
 
 def test_other_gaussians_keep_their_bits_and_the_object_its_shape(golden, removed):
     rows = np.load(golden.run.folder / "stages" / "lift" / "object.npy")
-    source = golden.source.select(torch.arange(len(rows)))  # the surround comes last
-    edited = golden.gaussians.select(torch.arange(len(golden.gaussians) - SURROUND.count))
-    rest = source.select(torch.from_numpy(~rows))
+    rest = golden.source.select(torch.from_numpy(~rows))
     assert 0 < rows.sum() < len(rows)
-    for (name, now), (_, then) in zip(edited.named(), rest.named(), strict=True):
+    for (name, now), (_, then) in zip(golden.gaussians.named(), rest.named(), strict=True):
         assert torch.equal(now[: len(rest)], then), name
-    count = len(edited) - len(rest)
+    count = len(golden.gaussians) - len(rest)
     assert count >= rows.sum()
-    new = torch.arange(len(edited)) >= len(rest)
+    new = torch.arange(len(golden.gaussians)) >= len(rest)
     for view in removed.scene.views:
         shapes = [
             object_share(gaussians, view.camera, each).numpy() > 0.5
-            for gaussians, each in ((source, torch.from_numpy(rows)), (edited, new))
+            for gaussians, each in ((golden.source, torch.from_numpy(rows)), (golden.gaussians, new))
         ]
         assert (shapes[0] & shapes[1]).sum() > 0.75 * (shapes[0] | shapes[1]).sum()
 

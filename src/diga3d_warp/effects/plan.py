@@ -167,7 +167,7 @@ def plan_effects(
         said = "it lies behind the splat" if surrounded else "the splat is taken as it is"
         choose("surround", surrounded, said, "splat")
     else:
-        choose("surround", *_surround(scene))
+        choose("surround", False, _surround(scene), "default")
     choose("deterministic", False, "sums on CPU have a fixed order without it", "task")
     order = [entry.name for entry in fields(Effects)]
     return EffectsPlan(tuple(sorted(choices, key=lambda c: order.index(c.effect))), tuple(notes))
@@ -199,11 +199,9 @@ def _background(scene: Scene, thresholds: Thresholds) -> tuple[bool, str]:
     return part >= thresholds.transparency, said
 
 
-def _surround(scene: Scene) -> tuple[bool, str]:
-    if evidence.transparency(scene.views)[1]:
-        return False, "the photographs are transparent: nothing is behind what they show"
+def _surround(scene: Scene) -> str:
     seen = evidence.directions_seen([view.camera for view in scene.views])
-    return True, f"the photographs look into {100 * seen:.0f} % of all directions"
+    return f"the photographs look into {100 * seen:.0f} % of all directions"
 
 
 def _splat_order(scene: Scene, gaussians: Gaussians, thresholds: Thresholds) -> str:
