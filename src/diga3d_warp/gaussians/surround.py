@@ -2,7 +2,8 @@
 
 Views beside the training views reach where no photograph did. There the shell shows the colours of the
 nearest directions that were photographed, without detail. It is made after the fit, in which a small price on
-transmittance makes the splat opaque where photographs look: the shell changes nothing there.
+transmittance makes the splat opaque where photographs look. Where a short fit is not opaque yet, the shell
+shows through.
 """
 
 from __future__ import annotations
