@@ -64,12 +64,25 @@ def test_what_no_chart_explains_is_left():
     assert (whole.depth[HOLE] > 0.0).all() and (whole.depth[left] == 2.0).all()
 
 
+def test_a_chart_among_a_nearer_surface_is_not_seen_through_it():
+    """A table around the hole that no chart explains: the floor must not show in its top.
+
+    Where only the hole's upper rim is the table's, the floor goes on from below, in front of nothing.
+    """
+    table = (0.5 * DEPTH).astype(np.float32)
+    around = chart_view(*view(), table, [grey_chart()])
+    assert not around.shown.any() and around.background.unseen.sum() == HOLE.sum()
+    above = np.where(np.arange(SIZE)[:, None] < 24, table, DEPTH)
+    np.testing.assert_array_equal(chart_view(*view(), above, [grey_chart()]).shown, HOLE)
+
+
 def test_a_chart_that_is_not_trusted_only_hides_what_is_behind_it():
     behind = Plane(FLOOR.normal, -1.0, FLOOR.support - [0.0, 0.0, 1.0])
     far = replace(grey_chart(0.9), frame=frame_on(behind, CAMERA))
+    around = behind.depth(CAMERA).astype(np.float32)  # the far surface shows beside the hole
     for charts in ([grey_chart(trusted=False), far], [far, grey_chart(trusted=False)]):
-        assert not chart_view(*view(), DEPTH, charts).shown.any()
-    assert chart_view(*view(), DEPTH, [far]).shown.any()
+        assert not chart_view(*view(), around, charts).shown.any()
+    assert chart_view(*view(), around, [far]).shown.any()
 
 
 def test_no_chart_or_no_hole_changes_nothing():

@@ -71,11 +71,11 @@ def chart_view(view: View, background: Background, depth: np.ndarray, charts: Se
     layer = compose(charts, view.camera)
     # The last one stands for no chart.
     trusted = np.array([*(chart.trusted for chart in charts), False])
-    shown = unseen & trusted[layer.chart]
+    same = np.abs(layer.depth - depth) <= SURFACES.agree * layer.depth
+    shown = _bordered(unseen & trusted[layer.chart], layer.chart, same, ~unseen)
     if not shown.any():
         return nothing
     # Around the hole the view and the charts show the same surface: there their tones can be compared.
-    same = np.abs(layer.depth - depth) <= SURFACES.agree * layer.depth
     rim = rim_of(unseen) & (layer.chart >= 0) & same
     tone = tone_between(background.image, layer.image, rim, shown)
     image = background.image.astype(np.float32).copy()
@@ -84,3 +84,29 @@ def chart_view(view: View, background: Background, depth: np.ndarray, charts: Se
         replace(background, unseen=unseen & ~shown, image=image, observed=background.observed | shown),
         np.where(shown, layer.depth, depth).astype(np.float32), shown,
     )  # fmt: skip
+
+
+def _bordered(shown: np.ndarray, chart: np.ndarray, same: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """The parts of charts that continue what the view shows at their border.
+
+    A part that lies mostly among a nearer surface is not seen through it: that surface has no chart, or an
+    edge that was not found.
+
+    Args:
+        shown: Where charts would show, shape (H, W), bool.
+        chart: Number of the chart at each pixel, shape (H, W).
+        same: Where the view shows the surface of that chart, shape (H, W), bool.
+        known: Where the view shows anything, shape (H, W), bool.
+    """
+    from scipy.ndimage import binary_dilation, label
+
+    kept = shown.copy()
+    for number in np.unique(chart[shown]):
+        parts, count = label(shown & (chart == number))
+        for index in range(1, count + 1):
+            part = parts == index
+            border = binary_dilation(part, iterations=2) & ~part & known
+            agreeing = same & (chart == number)
+            if border.any() and agreeing[border].mean() < SURFACES.bordered:
+                kept &= ~part
+    return kept

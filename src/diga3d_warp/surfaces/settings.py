@@ -36,6 +36,8 @@ class SurfaceSettings:
         plane_share: Least share of all points that a plane holds [1]; less is a side of some thing.
         trusted: Least share of a surface in what photographs tell of the surroundings of a part that nobody
             saw [1], where no straight boundary explains the rest. With less the part is none of its.
+        bordered: Least share of the known pixels at the border of a part of a chart, in a view, that show its
+            surface [1]: with less, a nearer surface goes on in front of it.
         apart: Angle and distance within which two planes are one [degrees; tolerances].
         grazing: Least cosine between a plane's normal and a line of sight at which a photograph speaks of it
             [1]: at 0.1 a pixel covers ten times as much along the surface as across.
@@ -70,6 +72,7 @@ class SurfaceSettings:
     planes: int = 6
     plane_share: float = 0.04
     trusted: float = 0.75
+    bordered: float = 0.5
     apart: tuple[float, float] = (5.0, 2.0)
     grazing: float = 0.1
     joined: float = 0.03
