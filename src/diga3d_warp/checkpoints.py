@@ -103,8 +103,8 @@ def load_model(model_class: Any, folder: Path) -> Any:
         folder: Holds config.json and the weights.
 
     Raises:
-        InputError: the folder or its weights are missing, are pickles, do not fit, or lack parameters: those
-            would be filled with random numbers.
+        InputError: the folder or its weights are missing, are pickles, do not fit, hold numbers that are not
+            finite, or lack parameters: those would be filled with random numbers.
     """
     from safetensors import SafetensorError
 
@@ -125,6 +125,9 @@ def load_model(model_class: Any, folder: Path) -> Any:
     missing = sorted(info["missing_keys"])
     if missing:
         raise InputError(f"{folder} lacks {len(missing)} parameters ({missing[0]}, ...): download it again")
+    wrong = next((name for name, weights in model.state_dict().items() if not weights.isfinite().all()), None)
+    if wrong is not None:
+        raise InputError(f"{folder} holds numbers that are not finite ({wrong}): download it again")
     return model.float().eval().requires_grad_(False)
 
 

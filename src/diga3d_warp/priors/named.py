@@ -15,7 +15,10 @@ from diga3d_warp.priors.protocol import Prior, Task
 BUILT_IN = ("exemplar", "classical")
 """Priors that need no weights."""
 
-_OTHERS = "lama, sd-inpainting, powerpaint, an .onnx file of LaMa, or a folder in diffusers format"
+ROOM = Path(__file__).parents[3] / "models" / "room"
+"""The room prior, trained on synthetic rooms by `python -m training`: in the repository, not in the wheel."""
+
+_OTHERS = "lama, sd-inpainting, powerpaint, room, an .onnx file of LaMa, or a folder in diffusers format"
 
 
 def reads_prompts(name: str) -> bool:
@@ -39,8 +42,8 @@ def load_prior(
     """Load a prior with its prompts.
 
     Args:
-        name: "exemplar", "classical", "lama", "sd-inpainting", "powerpaint", an .onnx file of LaMa, or a
-            folder in diffusers format.
+        name: "exemplar", "classical", "room", "lama", "sd-inpainting", "powerpaint", an .onnx file of LaMa,
+            or a folder in diffusers format.
         task, positive, negative: What the prompts are for, Tp and Tn. "classical" and LaMa read none of them.
             "exemplar" reads the negative one only: it continues the surroundings.
         controls: Kinds of control that a Stable Diffusion prior loads a ControlNet for.
@@ -59,6 +62,13 @@ def load_prior(
         return load_lama(name)
     from diga3d_warp.priors.stable_diffusion.load import PRIORS, load_stable_diffusion
 
+    if name == "room":
+        if not ROOM.is_dir():
+            raise InputError(
+                f"the room prior is not in {ROOM}: it comes with a checkout of the repository, "
+                "give the path of its folder models/room"
+            )
+        name = str(ROOM)
     if name not in PRIORS and not Path(name).expanduser().exists():
         raise InputError(f"there is no prior or folder {name}: give {', '.join(BUILT_IN)}, {_OTHERS}")
     return load_stable_diffusion(

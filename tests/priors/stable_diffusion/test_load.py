@@ -122,6 +122,16 @@ def test_parameters_that_are_missing_are_not_made_up(copy):
     assert "lacks 1 parameters" in line(copy)
 
 
+def test_weights_that_are_not_finite(copy):
+    from safetensors.torch import load_file, save_file
+
+    file = copy / "unet" / "diffusion_pytorch_model.safetensors"
+    weights = load_file(file)
+    name = sorted(weights)[0]
+    save_file({**weights, name: weights[name] * float("nan")}, file, metadata={"format": "pt"})
+    assert f"{copy / 'unet'} holds numbers that are not finite ({name})" in line(copy)
+
+
 def test_half_precision_is_read_where_there_is_nothing_else(copy, photo, holes):
     from safetensors.torch import load_file, save_file
 

@@ -6,6 +6,7 @@ import torch
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.stable_diffusion.load import load_stable_diffusion
 from diga3d_warp.priors.stable_diffusion.powerpaint import QUALITY, SHAPE_FIT, task_prompts
+from diga3d_warp.priors.stable_diffusion.text import TextEncoder
 
 
 @pytest.fixture(scope="module")
@@ -79,3 +80,10 @@ def test_a_prompt_that_is_missing(plain, task):
 def test_task_prompts_need_the_task_words(plain):
     with pytest.raises(InputError, match="does not know PowerPaint's task words"):
         task_prompts(plain.parts.text, "", "", "remove")
+
+
+def test_a_model_of_few_words_refuses_others(plain):
+    encoder = TextEncoder(plain.parts.text.tokenizer, plain.parts.text.model, ["a", "wooden", "cube"])
+    assert torch.equal(encoder.encode("A wooden cube"), plain.parts.text.encode("A wooden cube"))
+    with pytest.raises(InputError, match=r"never taught 'glass', '7': use its words only, a cube wooden"):
+        encoder.encode("a glass cube, glass 7")

@@ -29,7 +29,7 @@ from diga3d_warp.priors.stable_diffusion.image_embedding import (
 )
 from diga3d_warp.priors.stable_diffusion.model import Parts, StableDiffusionPrior
 from diga3d_warp.priors.stable_diffusion.powerpaint import knows_task_words, task_prompts
-from diga3d_warp.priors.stable_diffusion.text import TextEncoder, plain_prompts
+from diga3d_warp.priors.stable_diffusion.text import WORDS, TextEncoder, plain_prompts
 
 _HALF = ("*.json", "tokenizer/*", *(f"{part}/*.fp16.safetensors" for part in ("unet", "vae", "text_encoder")))
 _CONTROLNET = ("config.json", "diffusion_pytorch_model.safetensors")
@@ -90,12 +90,14 @@ def load_stable_diffusion(
         raise InputError(f"there is no prior or folder {prior}: give {', '.join(PRIORS)} or a folder")
     folder = locate(known) if known else locate(PRIORS["sd-inpainting"], prior)
     name = str(prior) if known else folder.name
-    unet = load_model(UNet2DConditionModel, folder / "unet")
-    if unet.config.in_channels not in (4, 9):
+    unet, vae = load_model(UNet2DConditionModel, folder / "unet"), _load_vae(folder / "vae")
+    latents = vae.config.latent_channels
+    if unet.config.in_channels not in (latents, 2 * latents + 1):
         raise InputError(
-            f"{folder / 'unet'} has {unet.config.in_channels} input channels: give one with 4 or 9"
+            f"{folder / 'unet'} has {unet.config.in_channels} input channels: "
+            f"give one with {latents} or {2 * latents + 1}"
         )
-    tokenizer, text_model = _load_text(folder)
+    text = _load_text(folder)
     schedule, prediction = read_schedule(folder / "scheduler" / "scheduler_config.json")
     nets: dict[ControlKind, Any] = {}
     for kind in controls:
@@ -111,15 +113,15 @@ def load_stable_diffusion(
         name,
         Parts(
             unet=unet,
-            vae=load_model(_vae_class(folder / "vae"), folder / "vae"),
-            text=TextEncoder(tokenizer, text_model),
+            vae=vae,
+            text=text,
             schedule=schedule,
             prediction=prediction,
             controlnets=nets,
             images=images,
         ),
         best_device(device),
-        prompting=task_prompts if knows_task_words(tokenizer) else plain_prompts,
+        prompting=task_prompts if knows_task_words(text.tokenizer) else plain_prompts,
         positive=positive,
         negative=negative,
         task=task,
@@ -151,20 +153,22 @@ def read_schedule(file: Path) -> tuple[Schedule, Any]:
     return Schedule(alphas_cumprod, final, config.get("steps_offset", 0)), prediction
 
 
-def _load_text(folder: Path) -> tuple[Any, Any]:
+def _load_text(folder: Path) -> TextEncoder:
     from transformers import CLIPTextModel, CLIPTokenizer
 
     model = load_model(CLIPTextModel, folder / "text_encoder")
-    return load_tokenizer(CLIPTokenizer, folder / "tokenizer"), model
+    tokenizer = load_tokenizer(CLIPTokenizer, folder / "tokenizer")
+    words = folder / "tokenizer" / WORDS
+    return TextEncoder(tokenizer, model, _read_json(words) if words.exists() else None)
 
 
-def _vae_class(folder: Path) -> Any:
+def _load_vae(folder: Path) -> Any:
     import diffusers
 
     name = _read_json(folder / "config.json").get("_class_name", "AutoencoderKL")
     if name not in ("AutoencoderKL", "AutoencoderTiny"):
         raise InputError(f"{folder} is a {name}: give an AutoencoderKL or an AutoencoderTiny")
-    return getattr(diffusers, name)
+    return load_model(getattr(diffusers, name), folder)
 
 
 def _controlnet_folder(kind: str, folder: Path, given: Mapping[str, str | Path]) -> Path:

@@ -28,7 +28,8 @@ class Parts:
     """The models of one Stable Diffusion, frozen, in evaluation mode.
 
     Attributes:
-        unet: `diffusers.UNet2DConditionModel` with 9 input channels (inpainting) or 4.
+        unet: `diffusers.UNet2DConditionModel` that takes latents, or, for inpainting, latents, mask and known
+            latents.
         vae: `diffusers.AutoencoderKL` or `AutoencoderTiny`.
         text: Tokenizer and text model.
         schedule: Noise levels that the UNet was trained with.
@@ -81,7 +82,7 @@ class StableDiffusionPrior:
         self.parts = parts
         self.device = torch.device(device)
         self.dtype = torch.float16 if self.device.type == "cuda" else torch.float32
-        self.mask_aware = parts.unet.config.in_channels == 9
+        self.mask_aware = parts.unet.config.in_channels > parts.unet.config.out_channels
         self.prompting = prompting
         self.sampling = sampling or SamplingSettings()
         self._own_processors: dict[str, Any] | None = None

@@ -131,7 +131,7 @@ def take(stage: Stage, camera: Camera, supersampling: int, rng: Generator) -> Sh
     alone, with_object, with_other = _colors_by_light(
         stage.room, hits, rays, [stage.room_alone, stage.room_with_object, stage.room_with_other]
     )
-    thing, other = (_Front(body, camera, rays, behind) for body in (stage.object, stage.other_object))
+    thing, other = (Front(body, camera, rays, behind) for body in (stage.object, stage.other_object))
     image = developed(thing.over(with_object, stage.object, stage.on_object), shape)
 
     centers = camera.height * camera.width
@@ -163,7 +163,7 @@ def take_alone(stage: Stage, camera: Camera, supersampling: int) -> tuple[np.nda
     return image, hits.distance.numpy()[: camera.height * camera.width].reshape(shape) * rays.slant
 
 
-class _Front:
+class Front:
     """A body in front of what stays.
 
     Args:
