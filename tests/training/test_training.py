@@ -1,0 +1,205 @@
+"""The training of the room prior: it goes on exactly where it was stopped, and refuses what is broken."""
+
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+import torch
+from lessons import RUN, TINY, WORDS, made_up_windows
+from training.autoencoder import AutoencoderLesson, DecoderLesson, Encoder
+from training.checkpoint import load_checkpoint
+from training.controls import open_controls
+from training.denoiser import open_denoiser
+from training.export import export
+from training.latents import encode_samples, open_latents
+from training.loop import Training
+from training.store import Store
+from training.windows import open_windows
+from training.workers import run_workers
+
+from diga3d_warp.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    """A folder in which each network was trained for a few steps."""
+    folder = tmp_path_factory.mktemp("work")
+    (folder / "words.json").write_text(json.dumps(sorted(WORDS)))
+    windows = made_up_windows(folder)
+    made_up_windows(folder, held_out=True)
+    train(AutoencoderLesson(TINY, windows), folder, 4)
+    encode_samples(folder, TINY, 12)
+    train(open_denoiser(folder, TINY), folder, 4)
+    for kind in ("edges", "depth"):
+        train(open_controls(kind, folder, TINY), folder, 4)
+    return folder
+
+
+def train(lesson, folder, steps, every=1e9):
+    return Training(lesson, RUN, TINY.seed, folder).run(steps, every, 1e9, progress=False)
+
+
+def test_a_training_goes_on_with_the_same_losses(tmp_path):
+    windows = made_up_windows(tmp_path)
+    whole = train(AutoencoderLesson(TINY, windows), tmp_path / "whole", 6)
+    parts = [train(AutoencoderLesson(TINY, windows), tmp_path / "parts", steps) for steps in (3, 6)]
+    assert len(set(whole)) == 6
+    assert parts[0] + parts[1] == whole
+
+
+def test_a_training_that_was_killed_repeats_its_steps_although_data_was_added(tmp_path):
+    windows = made_up_windows(tmp_path)
+    first = Training(AutoencoderLesson(TINY, windows), RUN, 0, tmp_path)
+    first.run(2, 1e9, 1e9, progress=False)
+    lost = [first._step()["loss"] for _ in range(2)]
+    windows.append(
+        [{**row, "window": row["window"] + 9} for row in windows.rows],
+        {name: np.array(windows.array(name)) for name in windows.layout},
+    )
+    assert train(AutoencoderLesson(TINY, windows), tmp_path, 4) == lost
+
+
+def test_two_processes_train_as_one_with_their_mean(tmp_path):
+    run_workers(2, partial(train_in_parts, tmp_path))
+    losses = [json.loads((tmp_path / f"{rank}.json").read_text()) for rank in (0, 1)]
+    assert losses[0] != losses[1]
+    weights = [torch.load(tmp_path / f"{rank}.pt") for rank in (0, 1)]
+    assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
+    assert load_checkpoint(tmp_path / "autoencoder.ckpt")["step"] == 2
+
+
+def train_in_parts(folder, workers):
+    windows = made_up_windows(folder / str(workers.rank))
+    training = Training(AutoencoderLesson(TINY, windows), RUN, 0, folder, workers)
+    losses = training.run(2, 1e9, 1e9, progress=False)
+    (folder / f"{workers.rank}.json").write_text(json.dumps(losses))
+    torch.save(training.lesson.module.state_dict(), folder / f"{workers.rank}.pt")
+
+
+def test_the_denoiser_and_its_controls_learn(work):
+    lesson = open_denoiser(work, TINY)
+    training = Training(lesson, RUN, 0, work)
+    assert training.step == 4
+    before = lesson.module.unet.conv_in.weight.clone()
+    words = lesson.module.text.get_input_embeddings().weight.clone()
+    training._step()
+    assert not torch.equal(before, lesson.module.unet.conv_in.weight)
+    assert not torch.equal(words, lesson.module.text.get_input_embeddings().weight)
+    control = Training(open_controls("edges", work, TINY), RUN, 0, work)
+    before = control.lesson.module.controlnet_mid_block.weight.clone()
+    control._step()
+    assert not torch.equal(before, control.lesson.module.controlnet_mid_block.weight)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "line"),
+    [
+        (lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]), "cannot be read"),
+        (lambda path: path.write_bytes(b""), "cannot be read"),
+        (lambda path: edited(path, lambda s: s.update(version=99)), "version 99 of the recipe"),
+        (lambda path: edited(path, lambda s: first(s["module"]).fill_(float("nan"))), "not finite"),
+        (lambda path: edited(path, lambda s: s["module"].popitem()), "network of another size"),
+    ],
+)
+def test_a_broken_checkpoint_is_refused_in_one_line(work, tmp_path, spoil, line):
+    path = tmp_path / "autoencoder.ckpt"
+    path.write_bytes((work / "autoencoder.ckpt").read_bytes())
+    spoil(path)
+    windows = made_up_windows(tmp_path)
+    with pytest.raises(InputError, match=line) as error:
+        Training(AutoencoderLesson(TINY, windows), RUN, 0, tmp_path)
+    assert "\n" not in str(error.value)
+
+
+def edited(path, change):
+    state = torch.load(path, weights_only=True)
+    change(state)
+    torch.save(state, path)
+
+
+def first(weights):
+    return next(iter(weights.values()))
+
+
+def test_what_is_not_trained_yet_is_named(tmp_path):
+    with pytest.raises(InputError, match="train the autoencoder first"):
+        encode_samples(tmp_path, TINY, 4)
+    windows = open_windows(tmp_path, TINY.data)
+    with pytest.raises(InputError, match="make its data first"):
+        train(AutoencoderLesson(TINY, windows), tmp_path, 1)
+
+
+def test_a_record_that_was_cut_short_is_written_again(tmp_path):
+    layout = {"number": ((2,), "int16")}
+    store = Store(tmp_path, layout, 1)
+    store.append([{"n": 0}], {"number": np.array([[1, 2]])})
+    with (tmp_path / "number.raw").open("ab") as file:
+        file.write(b"abc")
+    with (tmp_path / "rows.jsonl").open("ab") as file:
+        file.write(b'{"n": ')
+    store = Store(tmp_path, layout, 1)
+    assert len(store.rows) == 1
+    store.append([{"n": 1}], {"number": np.array([[3, 4]])})
+    assert Store(tmp_path, layout, 1).array("number").tolist() == [[1, 2], [3, 4]]
+    with pytest.raises(InputError, match="another version of the recipe"):
+        Store(tmp_path, layout, 2)
+
+
+def test_samples_are_masked_where_objects_stand_or_might_have(work):
+    store = open_latents(work, TINY)
+    assert len(store.rows) == 12
+    masked = np.unpackbits(store.array("mask"), axis=-1).mean((1, 2))
+    assert (masked > 0).all()
+    assert np.isfinite(store.array("latent")).all() and store.array("latent").std() > 0
+    assert not np.array_equal(store.array("latent"), store.array("known"))
+    assert {row["thing"] for row in store.rows} >= {None, 0}
+    assert store.array("edges").any() and store.array("depth").std() > 0
+
+
+def test_the_exported_folder_loads_as_a_prior(work, tmp_path):
+    from diffusers import AutoencoderTiny, ControlNetModel, DDIMScheduler, UNet2DConditionModel
+
+    from diga3d_warp.priors.stable_diffusion.load import load_stable_diffusion
+
+    folder = tmp_path / "room"
+    assert export(work, TINY, folder) == []
+    card = (folder / "README.md").read_text()
+    assert "| UNet and text encoder | 8 |" in card and "10 images of 1 rooms" in card
+    UNet2DConditionModel.from_pretrained(folder / "unet", variant="fp16")
+    AutoencoderTiny.from_pretrained(folder / "vae", variant="fp16")
+    ControlNetModel.from_pretrained(folder / "controlnet-depth", variant="fp16")
+    assert DDIMScheduler.from_pretrained(folder / "scheduler").config.prediction_type == "v_prediction"
+    prior = load_stable_diffusion(folder, controls=("edges", "depth"), positive="a golden ball")
+    assert prior.mask_aware
+    image, mask = torch.rand(64, 64, 3), torch.zeros(64, 64, dtype=torch.bool)
+    mask[20:40, 20:40] = True
+    filled = prior.fill(image, mask)
+    assert torch.equal(filled[~mask], image[~mask]) and filled[mask].std() > 0
+    with pytest.raises(InputError, match=r"never taught 'zebra', 'velvet': use its words only, a an ball"):
+        prior.encode_prompts("a zebra velvet vase", "", "replace")
+
+
+def test_export_replaces_only_what_it_wrote(work, tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds something else"):
+        export(work, TINY, tmp_path)
+    assert (tmp_path / "thesis.txt").exists()
+
+
+def test_the_decoder_learns_further_and_latents_stay(work):
+    encoder, image = Encoder.frozen(work, TINY), torch.rand(1, 64, 64, 3)
+    before = encoder(image)
+    lesson = DecoderLesson(TINY, open_windows(work, TINY.data), encoder)
+    decoder = lesson.module.decoder.layers[0].weight.clone()
+    train(lesson, work, 2)
+    assert not torch.equal(decoder, lesson.module.decoder.layers[0].weight)
+    taught = Encoder.frozen(work, TINY)
+    assert torch.equal(taught(image), before)
+    assert not torch.equal(taught.model.decoder.layers[0].weight, decoder)
+
+
+def test_a_sheet_shows_held_out_windows_filled(work):
+    lesson = open_denoiser(work, TINY)
+    sheet = lesson.picture(lesson.module)
+    assert sheet.shape == (5 * 64, 6 * 64, 3) and sheet.std() > 10
