@@ -4,7 +4,7 @@ import torch
 
 from diga3d_warp.priors.conditioning import Prompts
 from diga3d_warp.priors.schedule import Schedule
-from diga3d_warp.priors.stable_diffusion.model import Parts, StableDiffusionPrior
+from diga3d_warp.priors.stable_diffusion.model import Networks, Parts, StableDiffusionPrior
 from diga3d_warp.priors.stable_diffusion.text import TextEncoder
 
 WIDTH = 320
@@ -51,13 +51,18 @@ def random_prior(width: int, device: str, controls: tuple[str, ...] = ()) -> Sta
         )
     )
     plain = UNet2DConditionModel(**unet_config(width, 4)) if controls else None
-    parts = Parts(
+    networks = Networks(
         unet=UNet2DConditionModel(**unet_config(width, 9)),
         vae=vae,
-        text=TextEncoder(None, text),
-        schedule=Schedule.scaled_linear(),
         controlnets={kind: ControlNetModel.from_unet(plain) for kind in controls},
     )
-    for model in (parts.unet, parts.vae, text, *parts.controlnets.values()):
+    for model in (networks.unet, vae, text, *networks.controlnets.values()):
         model.eval().requires_grad_(False)
+    parts = Parts(
+        text=TextEncoder(None, text),
+        schedule=Schedule.scaled_linear(),
+        mask_aware=True,
+        open=lambda: networks,
+        control_kinds=tuple(controls),
+    )
     return StableDiffusionPrior("random", parts, device, prompting=lambda *_: Prompts(None, None))

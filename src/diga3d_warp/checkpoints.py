@@ -5,6 +5,7 @@ Nothing is downloaded here: what is missing is named in one line, with its size 
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -95,6 +96,49 @@ def locate(checkpoint: Checkpoint, folder: str | Path | None = None) -> Path:
         ) from error
 
 
+def read_json(file: Path) -> dict[str, Any]:
+    """A configuration of diffusers or transformers.
+
+    Raises:
+        InputError: it is missing or broken.
+    """
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file} cannot be read: give a complete folder in diffusers format") from error
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """The configuration of a model from its folder.
+
+    Raises:
+        InputError: it is missing or broken.
+    """
+    if not (folder / "config.json").is_file():
+        raise InputError(f"{folder} lacks config.json: give a complete model folder in diffusers format")
+    return read_json(folder / "config.json")
+
+
+def check_model(folder: Path) -> None:
+    """Refuse a folder whose configuration or weights are missing, pickles or cut short, without loading them.
+
+    Raises:
+        InputError: one of these; the line says what mends it.
+    """
+    from safetensors import SafetensorError, safe_open
+
+    read_config(folder)
+    half = _variant(folder) == "fp16"
+    for file in sorted(folder.glob("*.safetensors")):
+        if (".fp16" in file.name) != half:
+            continue
+        try:
+            with safe_open(file, framework="pt"):
+                pass
+        except (OSError, SafetensorError) as error:
+            raise InputError(f"{file} cannot be read ({error}): download it again") from error
+
+
 def load_model(model_class: Any, folder: Path) -> Any:
     """A model of diffusers or transformers from its folder, frozen, in float32 on the CPU.
 
@@ -109,8 +153,7 @@ def load_model(model_class: Any, folder: Path) -> Any:
     from safetensors import SafetensorError
 
     _quiet()
-    if not (folder / "config.json").is_file():
-        raise InputError(f"{folder} lacks config.json: give a complete model folder in diffusers format")
+    read_config(folder)
     try:
         model, info = model_class.from_pretrained(
             folder,

@@ -116,9 +116,7 @@ def test_an_edit_is_distilled_in_the_windows_it_was_edited_in():
     masks[0][20:30, 40:50] = masks[1][0:6, 0:8] = True
     prior, cluster = Short(), np.zeros(3, int)
     options = (prior, prior.guidance, DistillationSettings(), Effects(), None)
-    guided = fine.guided_targets(
-        random_gaussians(50), targets, masks, References([0], cluster), *options, windowed=True
-    )
+    guided = fine.guided_targets(random_gaussians(50), targets, masks, References([0], cluster), *options)
     windows = Windows.around([torch.from_numpy(mask) for mask in masks], prior)
     guides = [target.guide for target in guided]
     assert guides[2] is None, "no mask, no window"

@@ -70,8 +70,15 @@ def test_a_reference_that_does_not_show_the_object_is_refused(images, masks):
         edited(images, masks, [0, 2])
 
 
+class Square(GaussianPrior):
+    """A prior that is shown squares of 16 px."""
+
+    def native_size(self, height, width):
+        return 16, 16
+
+
 def test_controls_follow_the_windows(images, masks):
-    prior = GaussianPrior()
+    prior = Square()
     seen = []
     exact = prior.predict_noise
 

@@ -67,6 +67,47 @@ def test_settled_references_stay_as_they_are(images, masks):
     torch.testing.assert_close(kept[1][~masks[1]], images[1][~masks[1]])
 
 
+def test_the_others_are_told_what_inpainted_references_show(images, masks):
+    """The paper's I_p: embedded once, given to the positive half of all views."""
+    prior, given = GaussianPrior(), []
+    exact = prior.predict_noise
+    prior.embed_images = lambda shown: shown.mean((0, 1, 2))
+
+    def watch(z, t, text, cond, controls=(), image_embeds=None):
+        given.append((text, image_embeds))
+        return exact(z, t, text, cond, controls)
+
+    prior.predict_noise = watch
+    guided = Guidance(Prompts(0.4, 0.0), scale=2.0)
+    list(inpaint_views(prior, images, masks, guided, SETTINGS, references=[0, 2], inpainted=True))
+    expected = torch.stack([images[0], images[2]]).mean((0, 1, 2))
+    positive = [embeds for text, embeds in given if text == 0.4]
+    assert positive and all(torch.equal(embeds, expected) for embeds in positive)
+    assert {embeds for text, embeds in given if text == 0.0} == {None}
+    given.clear()
+    list(inpaint_views(prior, images, masks, guided, SETTINGS, references=[0]))
+    assert {embeds for _, embeds in given} == {None}, "nothing is inpainted yet"
+
+
+def test_a_fill_is_made_within_a_window_around_its_mask():
+    """A prior of a fixed size is shown a small hole enlarged, and the rest of the image stays."""
+
+    class Square(GaussianPrior):
+        def native_size(self, height, width):
+            return 16, 16
+
+    prior, shown = Square(), []
+    exact = prior.conditioning
+    prior.conditioning = lambda images, masks: shown.append(float(masks.float().mean())) or exact(images, masks)
+    image = torch.rand(60, 80, 3, generator=torch.Generator().manual_seed(4))
+    mask = torch.zeros(60, 80, dtype=torch.bool)
+    mask[20:30, 50:60] = True
+    filled = fill_one(prior, image, mask, PLAIN, SETTINGS)
+    assert shown == [pytest.approx(100 / 256, abs=0.1)], "10 x 10 px of 16 x 16, not of 60 x 80"
+    assert torch.equal(filled[~mask], image[~mask])
+    assert abs(float(filled[mask].mean()) - 0.7) < 0.1
+
+
 def test_sampling_starts_from_what_is_begun(images, masks):
     """And the known part is still that of the images."""
     weak = SamplingSettings(steps=10, strength=0.2)

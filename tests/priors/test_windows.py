@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.priors.windows import Windows, WindowSettings
+from diga3d_warp.priors.windows import WHOLE, Windows, WindowSettings
+from gaussian_prior import GaussianPrior
 
 
 class Short:
@@ -73,3 +74,9 @@ def test_parts_are_put_back_where_they_came_from():
 def test_masks_that_are_all_empty():
     with pytest.raises(InputError, match="shows in no view"):
         Windows.around([MASKS[1]], Short(64))
+
+
+def test_a_prior_that_takes_any_size_sees_whole_views():
+    windows = Windows.around(MASKS, GaussianPrior())
+    assert windows.views == Windows.around(MASKS, Short(64)).views
+    assert set(map(str, windows.places)) == {str(WHOLE)}

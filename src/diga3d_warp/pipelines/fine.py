@@ -18,7 +18,8 @@ from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.conditioning import Guidance
 from diga3d_warp.priors.distillation import DistillationSettings, TextureGeometryGuide
 from diga3d_warp.priors.protocol import DiffusionPrior
-from diga3d_warp.priors.windows import WHOLE, Windows
+from diga3d_warp.priors.views import known_part
+from diga3d_warp.priors.windows import Windows
 from diga3d_warp.propagation.conditions import texture_geometry
 from diga3d_warp.propagation.references import References
 from diga3d_warp.scene.photographs.images import BACKGROUND
@@ -40,7 +41,6 @@ def distil(
     seed: int,
     *,
     known: Sequence[np.ndarray] | None = None,
-    windowed: bool = False,
 ) -> Gaussians:
     """Refine an edit by TG-SDS beside its photometric and depth losses.
 
@@ -57,16 +57,13 @@ def distil(
         extent: Extent of the scene [scene units].
         settings: Iterations, budget and learning rates of the fit.
         seed: Seed of the fit and of the noise.
-        known: Photographs that condition the prior outside the masks, shape (H, W, 3); the renderings if
-            None.
-        windowed: Whether the prior is given the windows around the masks in which `edit_views` edited the
-            views, rather than whole views, as in a removal.
+        known: Photographs that condition the prior outside the masks, shape (H, W, 3); within them they still
+            show the object, which a prior may steer away from. If None, renderings of `source` do.
     """
 
     def compute(folder: Path) -> None:
         guided = guided_targets(
-            source, targets, masks, references, prior, guidance, distillation, run.effects, known,
-            windowed=windowed,
+            source, targets, masks, references, prior, guidance, distillation, run.effects, known
         )  # fmt: skip
         result = fit(
             source, guided, extent, settings, effects=run.effects, seed=seed, held=held,
@@ -80,30 +77,33 @@ def distil(
 def guided_targets(
     source: Gaussians, targets: Sequence[Target], masks: Sequence[np.ndarray], references: References,
     prior: DiffusionPrior, guidance: Guidance, distillation: DistillationSettings, effects: Effects,
-    known: Sequence[np.ndarray] | None, *, windowed: bool = False,
+    known: Sequence[np.ndarray] | None,
 ) -> list[Target]:  # fmt: skip
-    """Targets with a TG-SDS guide in each view that has a mask; arguments as `distil`."""
-    places = {}
-    if windowed:
-        windows = Windows.around([torch.from_numpy(mask) for mask in masks], prior)
-        places = dict(zip(windows.views, windows.places, strict=True))
+    """Targets with a TG-SDS guide in each view that has a mask; arguments as `distil`.
+
+    The prior is given the windows around the masks in which it filled or edited the views.
+    """
+    if not any(mask.any() for mask in masks):
+        return list(targets)
+    windows = Windows.around([torch.from_numpy(mask) for mask in masks], prior)
+    places = dict(zip(windows.views, windows.places, strict=True))
     depths = {j: _depth_of(source, targets[j], effects) for j in references.indices}
     guided = []
     for i, (target, seen) in enumerate(zip(targets, masks, strict=True)):
-        if not seen.any():
+        if i not in places:
             guided.append(target)
             continue
         j = references.indices[int(references.cluster[i])]
         color, depth = _shown(source, target, effects)
-        mask = torch.from_numpy(seen)
-        window = places.get(i, WHOLE)
+        mask, window = torch.from_numpy(seen), places[i]
+        size = prior.native_size(*mask[window].shape)
         controls = texture_geometry(
-            targets[j].color, depths[j], targets[j].camera, color, depth, mask, target.camera, window,
-            prior.native_size(*mask[window].shape),
+            targets[j].color, depths[j], targets[j].camera, color, depth, mask, target.camera, window, size
         )  # fmt: skip
         followed = tuple(control for control in controls if control.kind in prior.control_kinds)
-        photograph = None if known is None else torch.from_numpy(known[i])
-        guide = TextureGeometryGuide(prior, mask, guidance, followed, photograph, distillation, window)
+        given = color.clamp(0.0, 1.0) if known is None else torch.from_numpy(known[i])
+        cond = known_part(prior, given[window], mask[window], size).rows([0], torch.device("cpu"))
+        guide = TextureGeometryGuide(prior, mask, guidance, followed, cond, distillation, window)
         guided.append(replace(target, guide=guide))
     return guided
 

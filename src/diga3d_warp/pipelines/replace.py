@@ -201,7 +201,7 @@ def _imagined(
     held = torch.arange(len(grown)) < len(taken.gaussians)
     return fine.distil(
         run, grown, held, [each.target for each in imagined], masks, references, words.prior,
-        words.guidance, words.method.distillation, extent, settings.removal.distil, seed, windowed=True,
+        words.guidance, words.method.distillation, extent, settings.removal.distil, seed,
     )  # fmt: skip
 
 

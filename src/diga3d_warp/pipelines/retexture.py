@@ -143,7 +143,6 @@ def retexture_object(
         edited = fine.distil(
             run, edited, held, recolouring.targets_of(sights, images), [sight.touched for sight in sights],
             references, words.prior, words.guidance, method.distillation, scene.extent, settings.distil, seed,
-            windowed=True,
         )  # fmt: skip
         last = "distil"
     stages.show_views(run, scene, source, edited)

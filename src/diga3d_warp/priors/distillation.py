@@ -13,7 +13,7 @@ import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.perception.resampling import resize_images, resize_masks
-from diga3d_warp.priors.conditioning import Control, Guidance
+from diga3d_warp.priors.conditioning import Conditioning, Control, Guidance
 from diga3d_warp.priors.guidance import guided_noise
 from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.priors.schedule import Schedule
@@ -53,8 +53,8 @@ class TextureGeometryGuide:
         guidance: Prompts and their weight.
         controls: Texture and depth map of the window, one row each, at the prior's native size
             (`propagation.conditions`).
-        known: The photograph, shape (H, W, 3), which conditions the prior outside the mask; the rendering if
-            None. Within the mask it still shows the object, which a prior may steer away from.
+        cond: Known part of the window, one row, on the host. It does not change while the hole is refined, so
+            it is encoded once, not in every step; of the rendering in each step if None.
         settings: Strength and timesteps.
         window: Rows and columns of the view that the prior is shown; all of them as a rule. They hold the
             mask.
@@ -64,7 +64,7 @@ class TextureGeometryGuide:
     mask: torch.Tensor
     guidance: Guidance
     controls: tuple[Control, ...] = ()
-    known: torch.Tensor | None = None
+    cond: Conditioning | None = None
     settings: DistillationSettings = DistillationSettings()
     window: tuple[slice, slice] = WHOLE
 
@@ -78,7 +78,7 @@ class TextureGeometryGuide:
         """
         t = distillation_timestep(self.prior.schedule, done, self.settings, generator)
         masks = self.mask[self.window][None].to(image.device)
-        known = None if self.known is None else self.known[self.window][None]
+        cond = None if self.cond is None else self.cond.rows([0], self.prior.device)
         loss = distillation_loss(
             self.prior,
             image[self.window][None],
@@ -87,7 +87,7 @@ class TextureGeometryGuide:
             self.controls,
             t=t,
             generator=generator,
-            known=known,
+            cond=cond,
         )
         return self.settings.weight * loss.to(image.device)
 
@@ -120,7 +120,7 @@ def distillation_loss(
     *,
     t: int,
     generator: torch.Generator,
-    known: torch.Tensor | None = None,
+    cond: Conditioning | None = None,
 ) -> torch.Tensor:
     """A scalar whose gradient is that of score distillation under texture and depth (paper Eq. 6).
 
@@ -140,7 +140,7 @@ def distillation_loss(
             prior's native size for these images.
         t: Timestep, from `distillation_timestep`.
         generator: Random generator for the added noise, on the host.
-        known: Images whose unmasked pixels condition the prior, shape (B, H, W, 3); `images` if None.
+        cond: Known part, B rows, of the prior's native size for these images; that of `images` if None.
 
     Raises:
         InputError: shapes do not fit.
@@ -162,8 +162,8 @@ def distillation_loss(
     pixels = resize_images(gated, size)
     z = prior.encode_image(pixels)
     with torch.no_grad():
-        given = pixels if known is None else resize_images(known.to(images), size)
-        cond = prior.conditioning(given, resize_masks(masks, size))
+        if cond is None:
+            cond = prior.conditioning(pixels, resize_masks(masks, size))
         noise = torch.randn(z.shape, generator=generator).to(z)
         noisy = prior.schedule.add_noise(z, noise, t)
         estimate = guided_noise(prior, noisy, t, guidance, cond, controls)

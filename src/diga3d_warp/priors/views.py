@@ -18,6 +18,7 @@ from diga3d_warp.priors.plan import plan_sampling
 from diga3d_warp.priors.protocol import DiffusionPrior, check_fill, check_shapes
 from diga3d_warp.priors.sampling import ViewLatents, initial_noise, sample_views
 from diga3d_warp.priors.settings import SamplingSettings
+from diga3d_warp.priors.windows import Windows
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,8 @@ def inpaint_views(
         guidance: Prompts and guidance scale.
         settings: Steps, strength, batch size and weight of propagation.
         references: Indices of the views that the others attend to.
-        inpainted: Whether the references are inpainted already; they then stay as they are.
+        inpainted: Whether the references are inpainted already; they then stay as they are, and a prior with
+            an image encoder is told what they show (the paper's I_p), unless `guidance` names an image.
         init_images: Images that sampling below full strength starts from; `images` if None.
         controls: Edges and depth that condition the sampling (ControlNet).
         source: Prompt half (`Prompts.positive` of a prompt) that describes the images as they are: sampling
@@ -95,6 +97,9 @@ def inpaint_views(
         _encode(prior, images, masks, init_images, controls, size, source, settings, seed),
         inpainted=inpainted,
     )
+    if inpainted and references and guidance.image_embeds is None:
+        shown = [resize_images(images[index][None].to(prior.device), size) for index in references]
+        guidance = replace(guidance, image_embeds=prior.embed_images(torch.cat(shown)))
     if say is not None:
         say(str(plan_sampling(prior, views, guidance, settings, references)))
     z = sample_views(prior, views, guidance, settings, references=references, progress=progress)
@@ -114,11 +119,25 @@ def fill_one(
     *,
     seed: int = 0,
 ) -> torch.Tensor:
-    """Inpaint one image from noise: `Prior.fill` of a diffusion prior. An empty mask returns the image."""
+    """Inpaint one image from noise, within a window around its mask: `Prior.fill` of a diffusion prior.
+
+    An empty mask returns the image.
+    """
     check_fill(image, mask)
     if not bool(mask.any()):
         return image.clone()
-    return next(inpaint_views(prior, [image], [mask], guidance, settings, seed=seed))
+    windows = Windows.around([mask], prior)
+    parts = inpaint_views(prior, windows.cut([image]), windows.cut([mask]), guidance, settings, seed=seed)
+    return windows.put_back([image], list(parts))[0]
+
+
+@torch.no_grad()
+def known_part(
+    prior: DiffusionPrior, image: torch.Tensor, mask: torch.Tensor, size: tuple[int, int]
+) -> Conditioning:
+    """The known part of one image (H, W, 3) with its mask (H, W), as a prior is given it at a size."""
+    pixels = resize_images(image[None].to(prior.device), size)
+    return prior.conditioning(pixels, resize_masks(mask[None].to(prior.device), size))
 
 
 @torch.no_grad()
@@ -143,8 +162,7 @@ def _encode(
     for index in range(len(images)):
         image, mask = images[index], masks[index]
         (check_fill if source is None else check_shapes)(image, mask)
-        pixels = resize_images(image[None].to(prior.device), size)
-        cond = prior.conditioning(pixels, resize_masks(mask[None].to(prior.device), size))
+        cond = known_part(prior, image, mask, size)
         along = [control.at(index, size, prior.device) for control in controls]
         if source is None:
             noise = initial_noise(cond.latent.shape, seed).to(prior.device)

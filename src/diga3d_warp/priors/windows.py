@@ -57,6 +57,9 @@ class Windows:
     ) -> Windows:
         """Windows around the masks, each in the middle of its view's mask as far as the view reaches.
 
+        A prior that takes images of any size as they are gets whole views: a window would only hide from it
+        what it could continue.
+
         Args:
             masks: True where to edit, one for each view, shape (H, W), bool.
             prior: Its native size bounds how much a window is enlarged.
@@ -70,6 +73,9 @@ class Windows:
         seen = [(index, span) for index, span in enumerate(spans) if span is not None]
         if not seen:
             raise InputError("the object shows in no view: mask an object that the views show")
+        indices = [index for index, _ in seen]
+        if all(tuple(prior.native_size(*masks[index].shape)) == masks[index].shape for index in indices):
+            return Windows(indices, [WHOLE] * len(indices))
         height, width = (max(span[axis][1] - span[axis][0] for _, span in seen) for axis in (0, 1))
         sides = _sides(settings.around * height, settings.around * width, prior, settings)
         places = []
@@ -78,7 +84,7 @@ class Windows:
                 _placed(span[axis], sides[axis], int(masks[index].shape[axis])) for axis in (0, 1)
             )
             places.append((rows, columns))
-        return Windows([index for index, _ in seen], places)
+        return Windows(indices, places)
 
     def cut(self, planes: Sequence[torch.Tensor]) -> list[torch.Tensor]:
         """What the windows show of images (H, W, ...), one for each view of the capture."""

@@ -15,6 +15,7 @@ from diga3d_warp.priors.classical import telea_fill
 from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.priors.views import inpaint_views
+from diga3d_warp.priors.windows import Windows
 from diga3d_warp.propagation.depth import complete_depth
 from diga3d_warp.propagation.fill import Fill
 from diga3d_warp.propagation.references import References
@@ -34,7 +35,7 @@ def propagate_appearance(
     say: Callable[[str], None] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> list[Fill]:
-    """Inpaint the hole of every view but the references anew.
+    """Inpaint the hole of every view but the references anew, within windows around the holes.
 
     Args:
         prior: The diffusion prior, with its prompts.
@@ -59,19 +60,22 @@ def propagate_appearance(
     others = [i for i, shows in enumerate(open_views) if i not in fixed and shows]
     if not others:
         return found
-    rows = [*references.indices, *others] if attend else others
+    # What a reference without a hole shows, no reference filled.
+    read = [i for i in references.indices if attend and open_views[i]]
+    rows = [*read, *others]
     masks = [torch.from_numpy(backgrounds[i].unseen) for i in rows]
     init_images = [_init_image(fills[i]) for i in rows]
     # Within its mask an image still shows the object: what to go away from, for a prior that wants to see it.
     images = [
         init_images[k] if i in fixed else torch.from_numpy(backgrounds[i].image) for k, i in enumerate(rows)
     ]
-    count = len(rows) - len(others)
-    painted = inpaint_views(
-        prior, images, masks, prior.guidance, sampling, references=range(count), inpainted=True,
-        init_images=init_images, seed=seed, say=say, progress=progress,
+    windows = Windows.around(masks, prior)
+    parts = inpaint_views(
+        prior, windows.cut(images), windows.cut(masks), prior.guidance, sampling,
+        references=range(len(read)), inpainted=True, init_images=windows.cut(init_images), seed=seed, say=say,
+        progress=progress,
     )  # fmt: skip
-    for i, image in zip(rows, painted, strict=True):
+    for i, image in zip(rows, windows.put_back(images, list(parts)), strict=True):
         if i not in fixed:
             found[i] = _with_image(fills[i], image.numpy(), backgrounds[i].unseen, depths[i])
     return found

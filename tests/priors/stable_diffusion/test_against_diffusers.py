@@ -41,8 +41,8 @@ def stock(kind, prior, photo, holes, z, **extra):
     scheduler = diffusers.DDIMScheduler(**NOISE_LEVELS, prediction_type=prior.parts.prediction)
     models = {name: extra.pop(name) for name in ("controlnet", "image_encoder") if name in extra}
     pipeline = getattr(diffusers, kind)(
-        vae=prior.parts.vae,
-        unet=prior.parts.unet,
+        vae=prior.networks.vae,
+        unet=prior.networks.unet,
         text_encoder=prior.parts.text.model,
         tokenizer=prior.parts.text.tokenizer,
         scheduler=scheduler,
@@ -95,7 +95,7 @@ def test_inpainting_under_two_controlnets(checkpoints, photo, holes, determinist
         photo,
         holes,
         z,
-        controlnet=MultiControlNetModel(list(prior.parts.controlnets.values())),
+        controlnet=MultiControlNetModel(list(prior.networks.controlnets.values())),
         control_image=[control[:, None].expand(-1, 3, -1, -1) for control in (edges, depth)],
         controlnet_conditioning_scale=[0.8, 1.0],
     )

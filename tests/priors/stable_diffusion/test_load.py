@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.priors.stable_diffusion.load import load_stable_diffusion, read_schedule
 
 
@@ -26,6 +27,15 @@ def cache(monkeypatch, tmp_path):
 def line(prior, **options):
     with pytest.raises(InputError) as caught:
         load_stable_diffusion(prior, device="cpu", **options)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def line_when_used(prior, **options):
+    """What only the weights show, or the networks put together, is said when they are opened."""
+    loaded = load_stable_diffusion(prior, device="cpu", **options)
+    with pytest.raises(InputError) as caught:
+        _ = loaded.networks
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -66,7 +76,7 @@ def test_controlnets_from_elsewhere(copy, tmp_path):
     prior = load_stable_diffusion(
         copy, controls=("edges",), controlnets={"edges": tmp_path / "mine"}, device="cpu"
     )
-    assert set(prior.parts.controlnets) == {"edges"}
+    assert set(prior.networks.controlnets) == {"edges"}
 
 
 def test_a_pickle_is_refused(copy):
@@ -92,6 +102,28 @@ def test_a_tokenizer_without_words(copy, words):
     assert f"{copy / 'tokenizer'} {said}" in line(copy)
 
 
+def test_networks_are_read_when_one_is_asked(copy):
+    """A fit may come first, and a resumed run may need none of them."""
+    prior = load_stable_diffusion(copy, device="cpu", controls=("edges",), positive="a vase")
+    assert isinstance(prior, DiffusionPrior) and prior.mask_aware and prior.control_kinds == ("edges",)
+    assert prior.guidance.prompts.positive.std() > 0.0
+    shutil.rmtree(copy / "unet")
+    with pytest.raises(InputError, match=r"unet lacks config.json"):
+        prior.native_size(40, 60)
+
+
+def test_a_class_embedding_brings_its_image_encoder(copy):
+    from tiny_diffusion import tiny_unet, write_image_encoder
+
+    write_image_encoder(copy / "image_encoder")
+    assert load_stable_diffusion(copy, device="cpu").networks.images is None
+    unet = tiny_unet(9, class_embed_type="simple_projection", projection_class_embeddings_input_dim=6)
+    unet.save_pretrained(copy / "unet")
+    networks = load_stable_diffusion(copy, device="cpu").networks
+    assert networks.images.width == 6
+    assert torch.equal(networks.unet.class_embedding.weight, unet.class_embedding.weight)
+
+
 def test_missing_weights_are_named(copy):
     (copy / "vae" / "diffusion_pytorch_model.safetensors").unlink()
     assert f"{copy / 'vae'} holds no .safetensors file" in line(copy)
@@ -100,14 +132,14 @@ def test_missing_weights_are_named(copy):
 def test_weights_cut_short(copy):
     file = copy / "unet" / "diffusion_pytorch_model.safetensors"
     file.write_bytes(file.read_bytes()[:-500])
-    assert f"{copy / 'unet'} cannot be read" in line(copy)
+    assert f"{file} cannot be read" in line(copy)
 
 
 def test_weights_that_do_not_fit_the_configuration(copy):
     config = copy / "unet" / "config.json"
     settings = json.loads(config.read_text(encoding="utf-8"))
     config.write_text(json.dumps({**settings, "block_out_channels": [8, 32]}), encoding="utf-8")
-    assert f"{copy / 'unet'} cannot be read" in line(copy)
+    assert f"{copy / 'unet'} cannot be read" in line_when_used(copy)
 
 
 def test_parameters_that_are_missing_are_not_made_up(copy):
@@ -140,8 +172,8 @@ def test_half_precision_is_read_where_there_is_nothing_else(copy, photo, holes):
     save_file(halves, file.with_name("diffusion_pytorch_model.fp16.safetensors"), metadata={"format": "pt"})
     file.unlink()
     prior = load_stable_diffusion(copy, device="cpu")
-    assert prior.parts.unet.dtype == torch.float32
-    assert torch.equal(prior.parts.unet.conv_in.weight, halves["conv_in.weight"].float())
+    assert prior.networks.unet.dtype == torch.float32
+    assert torch.equal(prior.networks.unet.conv_in.weight, halves["conv_in.weight"].float())
 
 
 def test_what_is_no_prior(tmp_path):
@@ -157,7 +189,7 @@ def test_a_unet_of_another_task(copy):
     from tiny_diffusion import tiny_unet
 
     tiny_unet(8).save_pretrained(copy / "unet")
-    assert "has 8 input channels: give one with 4 or 9" in line(copy)
+    assert "has 8 input channels for 4 of the autoencoder: give one with 4 or 9" in line(copy)
 
 
 def test_an_ip_adapter_that_does_not_fit(checkpoints, tmp_path):
@@ -166,7 +198,7 @@ def test_an_ip_adapter_that_does_not_fit(checkpoints, tmp_path):
     adapter = checkpoints / "ip-adapter.safetensors"
     assert "needs an image encoder" in line(checkpoints / "sd", ip_adapter=adapter)
     other = write_image_encoder(tmp_path / "clip", width=10)
-    assert "takes image embeddings of 6 numbers, the encoder gives 10" in line(
+    assert "takes image embeddings of 6 numbers, the encoder gives 10" in line_when_used(
         checkpoints / "sd", ip_adapter=adapter, image_encoder=other
     )
     pickle = tmp_path / "ip-adapter_sd15.bin"
@@ -176,7 +208,7 @@ def test_an_ip_adapter_that_does_not_fit(checkpoints, tmp_path):
     )
     torn = write_ip_adapter(tmp_path / "torn.safetensors")
     torn.write_bytes(torn.read_bytes()[:-9])
-    assert f"{torn} is no IP-Adapter of this UNet" in line(
+    assert f"{torn} is no IP-Adapter of this UNet" in line_when_used(
         checkpoints / "sd", ip_adapter=torn, image_encoder=other
     )
 

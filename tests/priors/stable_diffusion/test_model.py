@@ -64,7 +64,7 @@ def test_a_cell_with_any_masked_pixel_is_masked(prior, photo):
 
 
 def test_every_self_attention_reads_and_nothing_else_is_touched(prior):
-    unet = prior.parts.unet
+    unet = prior.networks.unet
     before = dict(unet.attn_processors)
     bank = AttentionBank()
     prior.install_attention(bank)
@@ -122,7 +122,7 @@ def test_a_new_class_embedding_has_no_effect_until_it_is_trained(checkpoints, pr
     assert float(embedding.abs().max()) > 0.01
     plain = estimate(prior, photo, holes)
     assert torch.equal(estimate(embedded, photo, holes, image_embeds=embedding), plain)
-    torch.nn.init.normal_(embedded.parts.unet.class_embedding.weight)
+    torch.nn.init.normal_(embedded.networks.unet.class_embedding.weight)
     assert torch.equal(estimate(embedded, photo, holes), plain)
     trained = estimate(embedded, photo, holes, image_embeds=embedding)
     assert float((trained - plain).abs().max()) > 1e-3
@@ -136,7 +136,7 @@ def test_the_image_embedding_is_clips(checkpoints, photo):
     ).clamp(0, 1)
     mean, std = torch.tensor([0.5, 0.4, 0.3]), torch.tensor([0.3, 0.3, 0.2])
     pixels = (square - mean[:, None, None]) / std[:, None, None]
-    expected = prior.parts.images.model(pixels).image_embeds.mean(0, keepdim=True)
+    expected = prior.networks.images.model(pixels).image_embeds.mean(0, keepdim=True)
     torch.testing.assert_close(prior.embed_images(photo), expected, atol=0.05, rtol=0.05)
 
 

@@ -110,6 +110,18 @@ def attach_class_embedding(unet: Any, width: int) -> None:
         )
 
 
+def check_ip_adapter(file: Path) -> None:
+    """Refuse a file that is no weights of an IP-Adapter by its name.
+
+    Raises:
+        InputError: it is missing, or a pickle.
+    """
+    if file.suffix != ".safetensors" or not file.is_file():
+        raise InputError(
+            f"{file} is not a .safetensors file: give ip-adapter_sd15.safetensors of h94/IP-Adapter"
+        )
+
+
 def attach_ip_adapter(unet: Any, file: Path) -> int:
     """Put IP-Adapter's weights into a UNet's cross-attentions.
 
@@ -128,10 +140,7 @@ def attach_ip_adapter(unet: Any, file: Path) -> int:
     from safetensors import SafetensorError
     from safetensors.torch import load_file
 
-    if file.suffix != ".safetensors" or not file.is_file():
-        raise InputError(
-            f"{file} is not a .safetensors file: give ip-adapter_sd15.safetensors of h94/IP-Adapter"
-        )
+    check_ip_adapter(file)
     try:
         weights = load_file(file)
         state: dict[str, dict[str, torch.Tensor]] = {"image_proj": {}, "ip_adapter": {}}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +12,16 @@ import torch
 from diga3d_warp.checkpoints import (
     Checkpoint,
     best_device,
+    check_model,
     load_model,
     load_tokenizer,
     locate,
+    read_config,
+    read_json,
     require_diffusion,
 )
 from diga3d_warp.errors import InputError
-from diga3d_warp.priors.conditioning import ControlKind
+from diga3d_warp.priors.conditioning import GUIDANCE, ControlKind
 from diga3d_warp.priors.protocol import Task
 from diga3d_warp.priors.schedule import Schedule
 from diga3d_warp.priors.settings import SamplingSettings
@@ -26,8 +29,9 @@ from diga3d_warp.priors.stable_diffusion.image_embedding import (
     ImageEncoder,
     attach_class_embedding,
     attach_ip_adapter,
+    check_ip_adapter,
 )
-from diga3d_warp.priors.stable_diffusion.model import Parts, StableDiffusionPrior
+from diga3d_warp.priors.stable_diffusion.model import Networks, Parts, StableDiffusionPrior
 from diga3d_warp.priors.stable_diffusion.powerpaint import knows_task_words, task_prompts
 from diga3d_warp.priors.stable_diffusion.text import WORDS, TextEncoder, plain_prompts
 
@@ -61,8 +65,12 @@ def load_stable_diffusion(
     negative: str = "",
     task: Task = "remove",
     sampling: SamplingSettings | None = None,
+    scale: float = GUIDANCE,
 ) -> StableDiffusionPrior:
     """A prior by name or folder, with what it needs beside it.
+
+    Only the text model is loaded at once; the files of the networks are checked, and loaded when the prior is
+    first used.
 
     Args:
         prior: "sd-inpainting", "powerpaint", or a folder in diffusers format. A tokenizer that knows
@@ -71,54 +79,57 @@ def load_stable_diffusion(
             folder, else from the Hugging Face cache.
         controlnets: Folders of ControlNets by kind.
         image_encoder: Folder of CLIP's vision model: the already inpainted image then enters as class
-            embedding, or through `ip_adapter` if given (see `image_embedding`).
+            embedding, or through `ip_adapter` if given (see `image_embedding`). If None, `image_encoder` in
+            the folder of a prior whose UNet was trained with a class embedding.
         ip_adapter: Weights file of an IP-Adapter.
         device: "auto" (CUDA where there is one), or as torch names it.
         positive: Prompt of `fill`.
         negative: Negative prompt of `fill`.
         task: Task of `fill`.
         sampling: Of views, and of `fill`.
+        scale: Guidance scale of both [1].
 
     Raises:
         InputError: something is missing, is a pickle, or does not fit; the line says what mends it.
     """
     require_diffusion()
-    from diffusers import ControlNetModel, UNet2DConditionModel
-
     known = PRIORS.get(str(prior))
     if known is None and not Path(prior).expanduser().exists():
         raise InputError(f"there is no prior or folder {prior}: give {', '.join(PRIORS)} or a folder")
     folder = locate(known) if known else locate(PRIORS["sd-inpainting"], prior)
-    name = str(prior) if known else folder.name
-    unet, vae = load_model(UNet2DConditionModel, folder / "unet"), _load_vae(folder / "vae")
-    latents = vae.config.latent_channels
-    if unet.config.in_channels not in (latents, 2 * latents + 1):
-        raise InputError(
-            f"{folder / 'unet'} has {unet.config.in_channels} input channels: "
-            f"give one with {latents} or {2 * latents + 1}"
-        )
     text = _load_text(folder)
     schedule, prediction = read_schedule(folder / "scheduler" / "scheduler_config.json")
-    nets: dict[ControlKind, Any] = {}
-    for kind in controls:
-        nets[kind] = load_model(ControlNetModel, _controlnet_folder(kind, folder, controlnets or {}))
+    unet, vae = read_config(folder / "unet"), read_config(folder / "vae")
+    latents, channels = vae.get("latent_channels", 4), unet.get("in_channels", 4)
+    if channels not in (latents, 2 * latents + 1):
+        raise InputError(
+            f"{folder / 'unet'} has {channels} input channels for {latents} of the autoencoder: "
+            f"give one with {latents} or {2 * latents + 1}"
+        )
+    if image_encoder is None and unet.get("class_embed_type") == "simple_projection":
+        inside = folder / "image_encoder"
+        image_encoder = inside if inside.is_dir() else None
     if ip_adapter is not None and image_encoder is None:
         raise InputError(
             "an IP-Adapter needs an image encoder: give the folder models/image_encoder beside it"
         )
-    images = None if image_encoder is None else ImageEncoder.load(locate(IMAGE_ENCODER, image_encoder))
-    if images is not None:
-        _attach(unet, images, ip_adapter)
+    files = _Files(
+        unet=folder / "unet",
+        vae=folder / "vae",
+        controlnets={kind: _controlnet_folder(kind, folder, controlnets or {}) for kind in controls},
+        images=None if image_encoder is None else locate(IMAGE_ENCODER, image_encoder),
+        ip_adapter=None if ip_adapter is None else Path(ip_adapter),
+    )
+    files.check()
     return StableDiffusionPrior(
-        name,
+        str(prior) if known else folder.name,
         Parts(
-            unet=unet,
-            vae=vae,
             text=text,
             schedule=schedule,
+            mask_aware=channels != latents,
+            open=files.open,
             prediction=prediction,
-            controlnets=nets,
-            images=images,
+            control_kinds=tuple(controls),
         ),
         best_device(device),
         prompting=task_prompts if knows_task_words(text.tokenizer) else plain_prompts,
@@ -126,7 +137,54 @@ def load_stable_diffusion(
         negative=negative,
         task=task,
         sampling=sampling,
+        scale=scale,
     )
+
+
+@dataclass(frozen=True)
+class _Files:
+    """Where the networks are.
+
+    Attributes:
+        unet, vae: Folders.
+        controlnets: Folders by kind.
+        images: Folder of the image encoder, if there is one.
+        ip_adapter: Weights file of the IP-Adapter, if there is one.
+    """
+
+    unet: Path
+    vae: Path
+    controlnets: Mapping[ControlKind, Path]
+    images: Path | None
+    ip_adapter: Path | None
+
+    def check(self) -> None:
+        """Refuse files that `open` could not read, without reading their weights."""
+        _vae_class(self.vae)
+        for folder in (self.unet, self.vae, *self.controlnets.values(), self.images):
+            if folder is not None:
+                check_model(folder)
+        if self.ip_adapter is not None:
+            check_ip_adapter(self.ip_adapter)
+
+    def open(self) -> Networks:
+        """Load the networks.
+
+        Raises:
+            InputError: weights are incomplete or do not fit.
+        """
+        from diffusers import ControlNetModel, UNet2DConditionModel
+
+        unet = load_model(UNet2DConditionModel, self.unet)
+        images = None if self.images is None else ImageEncoder.load(self.images)
+        if images is not None:
+            _attach(unet, images, self.ip_adapter)
+        return Networks(
+            unet=unet,
+            vae=load_model(_vae_class(self.vae), self.vae),
+            controlnets={k: load_model(ControlNetModel, path) for k, path in self.controlnets.items()},
+            images=images,
+        )
 
 
 def read_schedule(file: Path) -> tuple[Schedule, Any]:
@@ -135,7 +193,7 @@ def read_schedule(file: Path) -> tuple[Schedule, Any]:
     Raises:
         InputError: the file is missing or asks for levels that DDIM cannot use.
     """
-    config = _read_json(file)
+    config = read_json(file)
     kind, prediction = config.get("beta_schedule", "linear"), config.get("prediction_type", "epsilon")
     if kind not in ("scaled_linear", "linear") or config.get("rescale_betas_zero_snr"):
         raise InputError(
@@ -159,16 +217,16 @@ def _load_text(folder: Path) -> TextEncoder:
     model = load_model(CLIPTextModel, folder / "text_encoder")
     tokenizer = load_tokenizer(CLIPTokenizer, folder / "tokenizer")
     words = folder / "tokenizer" / WORDS
-    return TextEncoder(tokenizer, model, _read_json(words) if words.exists() else None)
+    return TextEncoder(tokenizer, model, read_json(words) if words.exists() else None)
 
 
-def _load_vae(folder: Path) -> Any:
+def _vae_class(folder: Path) -> Any:
     import diffusers
 
-    name = _read_json(folder / "config.json").get("_class_name", "AutoencoderKL")
+    name = read_config(folder).get("_class_name", "AutoencoderKL")
     if name not in ("AutoencoderKL", "AutoencoderTiny"):
         raise InputError(f"{folder} is a {name}: give an AutoencoderKL or an AutoencoderTiny")
-    return load_model(getattr(diffusers, name), folder)
+    return getattr(diffusers, name)
 
 
 def _controlnet_folder(kind: str, folder: Path, given: Mapping[str, str | Path]) -> Path:
@@ -178,20 +236,13 @@ def _controlnet_folder(kind: str, folder: Path, given: Mapping[str, str | Path])
     return locate(CONTROLNETS[kind], given.get(kind))
 
 
-def _attach(unet: Any, images: ImageEncoder, ip_adapter: str | Path | None) -> None:
+def _attach(unet: Any, images: ImageEncoder, ip_adapter: Path | None) -> None:
     if ip_adapter is None:
         attach_class_embedding(unet, images.width)
         return
-    width = attach_ip_adapter(unet, Path(ip_adapter))
+    width = attach_ip_adapter(unet, ip_adapter)
     if width != images.width:
         raise InputError(
             f"{ip_adapter} takes image embeddings of {width} numbers, the encoder gives {images.width}: "
             "use the encoder that came with it"
         )
-
-
-def _read_json(file: Path) -> dict[str, Any]:
-    try:
-        return json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file} cannot be read: give a complete folder in diffusers format") from error

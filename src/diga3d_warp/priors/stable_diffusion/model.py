@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
 import torch
@@ -11,7 +12,14 @@ import torch.nn.functional as F
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.attention import AttentionBank
-from diga3d_warp.priors.conditioning import Conditioning, Control, ControlKind, Guidance, Prompts
+from diga3d_warp.priors.conditioning import (
+    GUIDANCE,
+    Conditioning,
+    Control,
+    ControlKind,
+    Guidance,
+    Prompts,
+)
 from diga3d_warp.priors.protocol import Task
 from diga3d_warp.priors.schedule import Schedule
 from diga3d_warp.priors.settings import SamplingSettings
@@ -24,31 +32,48 @@ Prediction = Literal["epsilon", "v_prediction", "sample"]
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
-    """The models of one Stable Diffusion, frozen, in evaluation mode.
+class Networks:
+    """The networks of one Stable Diffusion, frozen, in evaluation mode.
 
     Attributes:
-        unet: `diffusers.UNet2DConditionModel` that takes latents, or, for inpainting, latents, mask and known
-            latents.
+        unet: `diffusers.UNet2DConditionModel`, whose input is a latent, and for inpainting also a mask and
+            the latent of the known part.
         vae: `diffusers.AutoencoderKL` or `AutoencoderTiny`.
-        text: Tokenizer and text model.
-        schedule: Noise levels that the UNet was trained with.
-        prediction: What the UNet estimates.
         controlnets: `diffusers.ControlNetModel` for each kind of control.
         images: CLIP's vision model, where image embeddings are wanted.
     """
 
     unet: Any
     vae: Any
-    text: TextEncoder
-    schedule: Schedule
-    prediction: Prediction = "epsilon"
     controlnets: Mapping[ControlKind, Any] = field(default_factory=dict)
     images: ImageEncoder | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """One Stable Diffusion: what prompts and checks need, and the networks, which are opened when used.
+
+    Attributes:
+        text: Tokenizer and text model.
+        schedule: Noise levels that the UNet was trained with.
+        mask_aware: Whether the UNet is given mask and known part (an inpainting UNet).
+        open: Loads the networks.
+        prediction: What the UNet estimates.
+        control_kinds: Kinds of control for which `open` loads a ControlNet.
+    """
+
+    text: TextEncoder
+    schedule: Schedule
+    mask_aware: bool
+    open: Callable[[], Networks]
+    prediction: Prediction = "epsilon"
+    control_kinds: tuple[ControlKind, ...] = ()
+
+
 class StableDiffusionPrior:
     """A UNet of the Stable Diffusion family; see `DiffusionPrior` for what its methods promise.
+
+    The networks are opened when one of them is first asked, so that a fit that comes before has their memory.
 
     UNet and ControlNets run in float16 on CUDA, in float32 elsewhere. The autoencoder stays in float32: score
     distillation sends small gradients through it. It encodes to the mean of its distribution, not to a draw.
@@ -62,6 +87,7 @@ class StableDiffusionPrior:
         negative: Its negative prompt.
         task: Its task.
         sampling: Of views, and of `fill`.
+        scale: Guidance scale of both [1].
     """
 
     learned = True
@@ -77,33 +103,36 @@ class StableDiffusionPrior:
         negative: str = "",
         task: Task = "remove",
         sampling: SamplingSettings | None = None,
+        scale: float = GUIDANCE,
     ) -> None:
         self.name = name
         self.parts = parts
         self.device = torch.device(device)
         self.dtype = torch.float16 if self.device.type == "cuda" else torch.float32
-        self.mask_aware = parts.unet.config.in_channels > parts.unet.config.out_channels
+        self.schedule = parts.schedule
+        self.mask_aware = parts.mask_aware
+        self.control_kinds = parts.control_kinds
         self.prompting = prompting
         self.sampling = sampling or SamplingSettings()
         self._own_processors: dict[str, Any] | None = None
-        self.control_kinds: tuple[ControlKind, ...] = tuple(parts.controlnets)
-        for model in (parts.unet, *parts.controlnets.values()):
-            model.to(self.device, self.dtype)
-        parts.vae.to(self.device)
         parts.text.model.to(self.device)
-        if parts.images is not None:
-            parts.images.model.to(self.device)
-        self.guidance = Guidance(self.encode_prompts(positive, negative, task))
+        self.guidance = Guidance(self.encode_prompts(positive, negative, task), scale)
 
-    @property
-    def schedule(self) -> Schedule:
-        """Noise levels that the UNet was trained with."""
-        return self.parts.schedule
+    @cached_property
+    def networks(self) -> Networks:
+        """The networks, on their device."""
+        networks = self.parts.open()
+        for model in (networks.unet, *networks.controlnets.values()):
+            model.to(self.device, self.dtype)
+        networks.vae.to(self.device)
+        if networks.images is not None:
+            networks.images.model.to(self.device)
+        return networks
 
-    @property
+    @cached_property
     def cell(self) -> int:
         """Side of a latent cell [px]."""
-        return 2 ** (len(self.parts.vae.config.block_out_channels) - 1)
+        return 2 ** (len(self.networks.vae.config.block_out_channels) - 1)
 
     def fill(
         self, image: torch.Tensor, mask: torch.Tensor, *, seed: int = 0, depth: torch.Tensor | None = None
@@ -116,21 +145,21 @@ class StableDiffusionPrior:
 
         The paper's 512 x 904 for photographs of 567 x 1008.
         """
-        short = self.parts.unet.config.sample_size * self.cell
+        short = self.networks.unet.config.sample_size * self.cell
         scale = short / min(height, width)
         tall, wide = (int(length * scale + 1e-6) // self.cell * self.cell for length in (height, width))
         return tall, wide
 
     def encode_image(self, images: torch.Tensor) -> torch.Tensor:
         """Latents of images; see `DiffusionPrior.encode_image`."""
-        vae = self.parts.vae
+        vae = self.networks.vae
         encoded = vae.encode(images.to(self.device).permute(0, 3, 1, 2) * 2.0 - 1.0)
         latents = encoded.latent_dist.mode() if hasattr(encoded, "latent_dist") else encoded.latents
         return latents * vae.config.scaling_factor
 
     def decode_latent(self, z: torch.Tensor) -> torch.Tensor:
         """Images of latents; see `DiffusionPrior.decode_latent`."""
-        pixels = self.parts.vae.decode(z / self.parts.vae.config.scaling_factor).sample
+        pixels = self.networks.vae.decode(z / self.networks.vae.config.scaling_factor).sample
         return ((pixels + 1.0) / 2.0).clamp(0.0, 1.0).permute(0, 2, 3, 1)
 
     def encode_prompts(self, positive: str, negative: str, task: Task) -> Prompts:
@@ -159,7 +188,7 @@ class StableDiffusionPrior:
 
     def embed_images(self, images: torch.Tensor) -> torch.Tensor | None:
         """CLIP embedding of the image that others should look like, shape (1, width), or None."""
-        return None if self.parts.images is None else self.parts.images.embed(images)
+        return None if self.networks.images is None else self.networks.images.embed(images)
 
     @torch.no_grad()
     def predict_noise(
@@ -183,7 +212,7 @@ class StableDiffusionPrior:
             if cond is None or cond.channels is None:
                 raise ValueError("an inpainting UNet has to be told the known part: give cond")
             inputs.append(cond.channels.to(sample))
-        output = self.parts.unet(
+        output = self.networks.unet(
             torch.cat(inputs, 1),
             t,
             encoder_hidden_states=hidden,
@@ -195,10 +224,10 @@ class StableDiffusionPrior:
     def install_attention(self, bank: AttentionBank | None) -> None:
         """Let the UNet's self-attentions pass through a bank; see `DiffusionPrior.install_attention`."""
         if self._own_processors is not None:
-            processor.restore(self.parts.unet, self._own_processors)
+            processor.restore(self.networks.unet, self._own_processors)
             self._own_processors = None
         if bank is not None:
-            self._own_processors = processor.install(self.parts.unet, bank)
+            self._own_processors = processor.install(self.networks.unet, bank)
 
     def _residuals(
         self, sample: torch.Tensor, t: int, hidden: torch.Tensor, controls: Sequence[Control]
@@ -207,9 +236,9 @@ class StableDiffusionPrior:
         down: list[torch.Tensor] | None = None
         middle: torch.Tensor | None = None
         for control in controls:
-            if control.kind not in self.parts.controlnets:
+            if control.kind not in self.networks.controlnets:
                 raise InputError(f"prior {self.name} has no ControlNet for {control.kind}: load it with one")
-            added, at_middle = self.parts.controlnets[control.kind](
+            added, at_middle = self.networks.controlnets[control.kind](
                 sample,
                 t,
                 encoder_hidden_states=hidden,
@@ -225,13 +254,13 @@ class StableDiffusionPrior:
 
     def _embedding(self, count: int, image_embeds: torch.Tensor | None) -> dict[str, Any]:
         """The image embedding as the UNet takes it; zeros stand for no image, as in IP-Adapter's training."""
-        if self.parts.images is None:
+        if self.networks.images is None:
             return {}
-        width = self.parts.images.width
+        width = self.networks.images.width
         if image_embeds is None:
             image_embeds = torch.zeros(1, width)
         rows = image_embeds.to(self.device, self.dtype).expand(count, width)
-        if self.parts.unet.class_embedding is not None:
+        if self.networks.unet.class_embedding is not None:
             return {"class_labels": rows}
         return {"added_cond_kwargs": {"image_embeds": [rows[:, None]]}}
 
