@@ -19,10 +19,9 @@ from random_diffusion import CROSS, WIDTH, random_prior  # noqa: E402
 
 from diga3d_warp.files import write_text  # noqa: E402
 from diga3d_warp.priors.conditioning import (  # noqa: E402
-    DEPTH_SCALE,
-    EDGES_SCALE,
     Conditioning,
     Control,
+    ControlScales,
     Guidance,
     Prompts,
 )
@@ -44,7 +43,8 @@ def views_of(count: int, height: int, width: int) -> ViewLatents:
     mask = torch.zeros(count, 1, rows, columns)
     mask[..., rows // 2 :, :] = 1.0
     edges, depth = torch.rand(2, count, height, width, generator=generator)
-    controls = (Control("edges", (edges > 0.9).float(), EDGES_SCALE), Control("depth", depth, DEPTH_SCALE))
+    scales = ControlScales()
+    controls = (Control("edges", (edges > 0.9).float(), scales.edges), Control("depth", depth, scales.depth))
     return ViewLatents(z, Conditioning(latent, mask, torch.cat([mask, latent], 1)), controls)
 
 

@@ -13,6 +13,7 @@ from diga3d_warp.config import Effects
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.pipelines import coarse, fine
+from diga3d_warp.pipelines.method import PAPER
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.distillation import DistillationSettings
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
@@ -38,9 +39,10 @@ def distilled(removed, tmp_path, weight):
     prior = ExemplarPrior()
     backgrounds = [Background(seen, fill.image, ~seen) for seen, fill in zip(unseen, fills, strict=True)]
     targets = coarse.targets_of(views, backgrounds, fills)
+    method = replace(PAPER, distillation=DistillationSettings(weight=weight))
     found = fine.distil(
-        run, source, held, targets, unseen, References([0, 1], cluster), prior, prior.guidance,
-        DistillationSettings(weight=weight), 1.0, replace(SETTINGS.distil, iterations=14), 0,
+        run, source, held, targets, unseen, References([0, 1], cluster), prior, prior.guidance, method,
+        1.0, replace(SETTINGS.distil, iterations=14), 0,
     )  # fmt: skip
     return source, held, found, unseen
 
@@ -56,7 +58,7 @@ def test_the_fine_stage_shakes_no_gaussian(removed, tmp_path):
     prior, cluster = ExemplarPrior(), np.zeros(len(targets), int)
     found = fine.distil(
         run, source, torch.zeros(len(source), dtype=torch.bool), targets, nowhere, References([0], cluster),
-        prior, prior.guidance, DistillationSettings(), 1.0, replace(SETTINGS.distil, iterations=3), 0,
+        prior, prior.guidance, PAPER, 1.0, replace(SETTINGS.distil, iterations=3), 0,
     )  # fmt: skip
     assert torch.equal(found.means[:50], source.means[:50])
     assert not torch.equal(found.means[50:], source.means[50:])
@@ -79,7 +81,7 @@ def test_guides_hold_no_renderings(monkeypatch):
     prior, cluster = ExemplarPrior(), np.arange(8) % 2
     guided = fine.guided_targets(
         random_gaussians(50), targets, masks, References([0, 1], cluster), prior, prior.guidance,
-        DistillationSettings(), Effects(), None,
+        PAPER, Effects(), None,
     )  # fmt: skip
     assert len(guided) == 8 and all(target.guide is not None for target in guided)
     assert max(most) <= 2
@@ -115,7 +117,7 @@ def test_an_edit_is_distilled_in_the_windows_it_was_edited_in():
     masks = [np.zeros((48, 64), bool) for _ in targets]
     masks[0][20:30, 40:50] = masks[1][0:6, 0:8] = True
     prior, cluster = Short(), np.zeros(3, int)
-    options = (prior, prior.guidance, DistillationSettings(), Effects(), None)
+    options = (prior, prior.guidance, PAPER, Effects(), None)
     guided = fine.guided_targets(random_gaussians(50), targets, masks, References([0], cluster), *options)
     windows = Windows.around([torch.from_numpy(mask) for mask in masks], prior)
     guides = [target.guide for target in guided]

@@ -131,3 +131,16 @@ def test_a_view_of_nothing_but_the_object_is_edited_too(images, masks):
     results = edited(images, masks, [0, 3])
     assert results[1].isfinite().all() and not torch.equal(results[1], images[1])
     assert torch.equal(results[2], images[2])
+
+
+def test_without_inversion_the_views_start_from_the_noise_of_a_seed(images, masks):
+    first, again, other = (edited(images, masks, [0, 3], inverted=False, seed=seed) for seed in (1, 1, 2))
+    assert all(torch.equal(a, b) for a, b in zip(first, again, strict=True))
+    assert not torch.equal(first[1][masks[1]], other[1][masks[1]])
+    settings = SamplingSettings(steps=30)
+    moved, kept = (
+        edit_views(GaussianPrior(), images, masks, BRIGHTER, settings, references=[0], inverted=inverted)[1]
+        for inverted in (False, True)
+    )
+    far, near = (float((found - images[1])[masks[1]].sub(0.1).abs().mean()) for found in (moved, kept))
+    assert far > 3.0 * near, "noise keeps nothing of what a view showed"

@@ -98,7 +98,9 @@ def test_a_fill_is_made_within_a_window_around_its_mask():
 
     prior, shown = Square(), []
     exact = prior.conditioning
-    prior.conditioning = lambda images, masks: shown.append(float(masks.float().mean())) or exact(images, masks)
+    prior.conditioning = lambda images, masks: (
+        shown.append(float(masks.float().mean())) or exact(images, masks)
+    )
     image = torch.rand(60, 80, 3, generator=torch.Generator().manual_seed(4))
     mask = torch.zeros(60, 80, dtype=torch.bool)
     mask[20:30, 50:60] = True

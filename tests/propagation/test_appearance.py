@@ -9,11 +9,13 @@ import pytest
 import torch
 from test_fill import CAMERAS, background, floor_color, floor_points
 
+from diga3d_warp.priors.conditioning import Guidance, Prompts
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.propagation.appearance import propagate_appearance
 from diga3d_warp.propagation.fill import Fill, warp_fills
 from diga3d_warp.propagation.references import References
+from gaussian_prior import GaussianPrior
 
 TINT = np.array([0.0, 0.0, 0.5], np.float32)
 REFERENCES = References([0], np.zeros(len(CAMERAS), np.int64))
@@ -112,3 +114,20 @@ def test_same_seed_same_bytes(attending, fills, backgrounds, depths):
     again = propagated(fills, backgrounds, depths)
     assert all(np.array_equal(a.image, b.image) for a, b in zip(again, attending, strict=True))
     assert torch.from_numpy(again[1].image).dtype == torch.float32
+
+
+def test_sampling_can_start_from_the_inverted_fill(fills, backgrounds, depths):
+    """With the prompt that describes it, the fill comes back; from the photograph its object would."""
+    prior = GaussianPrior(spread=0.3)
+    prior.guidance, settings = Guidance(Prompts(0.0, 0.0), scale=1.0), SamplingSettings(steps=100)
+    from_fill, from_photograph = (
+        propagate_appearance(
+            prior, fills, backgrounds, depths, REFERENCES, settings, attend=False, inversion=inversion
+        )
+        for inversion in ("fill", "photograph")
+    )
+    for i in (1, 2):
+        holes = backgrounds[i].unseen & fills[i].filled
+        assert np.abs(from_fill[i].image - fills[i].image)[holes].mean() < 0.02
+        assert np.abs(from_photograph[i].image - backgrounds[i].image)[holes].mean() < 0.02
+        assert np.abs(from_photograph[i].image - from_fill[i].image)[holes].mean() > 0.1

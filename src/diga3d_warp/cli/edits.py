@@ -31,6 +31,11 @@ def add_edits(commands: Commands) -> None:
     )
     add_run_options(remove)
     add_marks(remove)
+    remove.add_argument(
+        "--prompt",
+        metavar="TEXT",
+        help="what is behind the object, for a Stable Diffusion --prior (default: nothing said)",
+    )
     add_fill(remove, "these become the references")
     add_prior(remove)
     add_surfaces(remove)

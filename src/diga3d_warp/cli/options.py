@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import argparse
 
-from diga3d_warp.cli.parsing import effects, hold_out, path, positive_int, scale, seed, whole_numbers
+from diga3d_warp.cli.parsing import (
+    effects,
+    hold_out,
+    non_negative,
+    path,
+    positive_int,
+    scale,
+    seed,
+    share,
+    whole_numbers,
+)
 
 
 def add_run_options(command: argparse.ArgumentParser) -> None:
@@ -134,6 +144,48 @@ def add_prior(command: argparse.ArgumentParser) -> None:
         "--tg-sds",
         action=argparse.BooleanOptionalAction,
         help="refine the edit by score distillation (default: with a Stable Diffusion prior)",
+    )
+    add_network(command)
+
+
+def add_network(command: argparse.ArgumentParser) -> None:
+    """Options of diffusion; None is the default of the prior."""
+    network = command.add_argument_group("diffusion priors")
+    network.add_argument(
+        "--steps", type=positive_int, metavar="N", help="DDIM steps of a Stable Diffusion prior (default 30)"
+    )
+    network.add_argument(
+        "--guidance",
+        type=non_negative,
+        metavar="S",
+        help="guidance scale (default 7.5; 1 reads no negative prompt)",
+    )
+    network.add_argument(
+        "--afp-weight", type=share, metavar="W", help="weight of the references' attention (default 0.6)"
+    )
+    network.add_argument(
+        "--inversion",
+        choices=["none", "photograph", "fill"],
+        help="start sampling from noise, or from the DDIM inversion of the photographs with the object or of "
+        "the warped fill (default: photograph in edits by free text, none in removals)",
+    )
+    network.add_argument(
+        "--sds-weight", type=non_negative, metavar="W", help="weight of score distillation (default 1e-4)"
+    )
+    network.add_argument(
+        "--edges-scale", type=non_negative, metavar="W", help="weight of the edges' ControlNet (default 0.8)"
+    )
+    network.add_argument(
+        "--depth-scale", type=non_negative, metavar="W", help="weight of the depth ControlNet (default 1)"
+    )
+    network.add_argument(
+        "--image-encoder",
+        type=path,
+        metavar="DIR",
+        help="folder of CLIP's vision model, which tells the prior what inpainted references show",
+    )
+    network.add_argument(
+        "--ip-adapter", type=path, metavar="FILE", help="IP-Adapter weights (.safetensors) for that"
     )
 
 

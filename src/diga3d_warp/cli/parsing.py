@@ -132,13 +132,32 @@ def seed(text: str) -> int:
 
 
 def scale(text: str) -> float:
-    try:
-        share = float(text)
-    except ValueError:
-        share = 0.0
-    if not 0.0 < share <= 1.0:
+    number = _number(text)
+    if not 0.0 < number <= 1.0:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0 and up to 1")
-    return share
+    return number
+
+
+def share(text: str) -> float:
+    number = _number(text)
+    if not 0.0 <= number <= 1.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to 1")
+    return number
+
+
+def non_negative(text: str) -> float:
+    number = _number(text)
+    if not 0.0 <= number < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 up")
+    return number
+
+
+def _number(text: str) -> float:
+    """A number; not a number if it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
 
 
 def size(text: str) -> tuple[int, int]:

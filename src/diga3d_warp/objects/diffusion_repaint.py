@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from diga3d_warp.objects.surface import Sight
-from diga3d_warp.priors.conditioning import DEPTH_SCALE, EDGES_SCALE, Guidance
+from diga3d_warp.priors.conditioning import ControlScales, Guidance
 from diga3d_warp.priors.editing import edit_views
 from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.priors.settings import SamplingSettings
@@ -26,6 +26,8 @@ class DiffusionRepainter:
         prior: The diffusion prior.
         guidance: Prompts of the new look, and guidance scale.
         settings: Steps, strength, batch size and weight of propagation.
+        scales: Weights of edges and depth.
+        inverted: Whether sampling starts from the inverted views; from noise if not.
         say: Called with a line on time and memory before sampling starts.
         progress: As in `edit_views`.
     """
@@ -36,6 +38,8 @@ class DiffusionRepainter:
         guidance: Guidance,
         settings: SamplingSettings | None = None,
         *,
+        scales: ControlScales | None = None,
+        inverted: bool = True,
         say: Callable[[str], None] | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
@@ -43,17 +47,19 @@ class DiffusionRepainter:
         self.prior = prior
         self.guidance = guidance
         self.settings = settings
+        self.scales = scales or ControlScales()
+        self.inverted = inverted
         self.say = say
         self.progress = progress
 
     def repaint(self, sights: Sequence[Sight], references: Sequence[int], seed: int) -> list[np.ndarray]:
-        """See `Repainter.repaint`; the noise comes from the views themselves, and the seed is not needed."""
+        """See `Repainter.repaint`; inverted views bring their own noise, and need no seed."""
         images = [torch.from_numpy(sight.image) for sight in sights]
         masks = [torch.from_numpy(sight.touched) for sight in sights]
         depths = [torch.from_numpy(sight.scene_depth) for sight in sights]
         controls = {
-            "edges": ViewControl("edges", images, EDGES_SCALE),
-            "depth": ViewControl("depth", depths, DEPTH_SCALE),
+            "edges": ViewControl("edges", images, self.scales.edges),
+            "depth": ViewControl("depth", depths, self.scales.depth),
         }
         painted = edit_views(
             self.prior,
@@ -63,6 +69,8 @@ class DiffusionRepainter:
             self.settings,
             references=references,
             controls=[controls[kind] for kind in self.prior.control_kinds],
+            inverted=self.inverted,
+            seed=seed,
             say=self.say,
             progress=self.progress,
         )

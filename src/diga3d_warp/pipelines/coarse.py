@@ -89,8 +89,8 @@ def propagate(
         bar = sampling_bar("propagate")
         found = propagate_appearance(
             prior, fills, backgrounds, depths, references, sampling,
-            attend=method.propagation == "attention", seed=seed, say=say,
-            progress=lambda done: bar(done, total),
+            attend=method.propagation == "attention", inversion=method.inversion or "none", seed=seed,
+            say=say, progress=lambda done: bar(done, total),
         )  # fmt: skip
         _keep(folder, views, found)
 

@@ -14,9 +14,10 @@ from diga3d_warp.gaussians.fit import FitSettings, fit
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines.method import Method
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.conditioning import Guidance
-from diga3d_warp.priors.distillation import DistillationSettings, TextureGeometryGuide
+from diga3d_warp.priors.distillation import TextureGeometryGuide
 from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.priors.views import known_part
 from diga3d_warp.priors.windows import Windows
@@ -35,7 +36,7 @@ def distil(
     references: References,
     prior: DiffusionPrior,
     guidance: Guidance,
-    distillation: DistillationSettings,
+    method: Method,
     extent: float,
     settings: FitSettings,
     seed: int,
@@ -53,7 +54,7 @@ def distil(
         references: Each view is conditioned on texture and depth warped from the reference of its cluster.
         prior: The diffusion prior.
         guidance: Prompts of the edit, and guidance scale.
-        distillation: Weight and timesteps.
+        method: With `distillation`, and the weights of texture and depth.
         extent: Extent of the scene [scene units].
         settings: Iterations, budget and learning rates of the fit.
         seed: Seed of the fit and of the noise.
@@ -63,7 +64,7 @@ def distil(
 
     def compute(folder: Path) -> None:
         guided = guided_targets(
-            source, targets, masks, references, prior, guidance, distillation, run.effects, known
+            source, targets, masks, references, prior, guidance, method, run.effects, known
         )  # fmt: skip
         result = fit(
             source, guided, extent, settings, effects=run.effects, seed=seed, held=held,
@@ -76,13 +77,14 @@ def distil(
 
 def guided_targets(
     source: Gaussians, targets: Sequence[Target], masks: Sequence[np.ndarray], references: References,
-    prior: DiffusionPrior, guidance: Guidance, distillation: DistillationSettings, effects: Effects,
+    prior: DiffusionPrior, guidance: Guidance, method: Method, effects: Effects,
     known: Sequence[np.ndarray] | None,
 ) -> list[Target]:  # fmt: skip
     """Targets with a TG-SDS guide in each view that has a mask; arguments as `distil`.
 
     The prior is given the windows around the masks in which it filled or edited the views.
     """
+    assert method.distillation is not None, "without it there is no fine stage"
     if not any(mask.any() for mask in masks):
         return list(targets)
     windows = Windows.around([torch.from_numpy(mask) for mask in masks], prior)
@@ -98,12 +100,13 @@ def guided_targets(
         mask, window = torch.from_numpy(seen), places[i]
         size = prior.native_size(*mask[window].shape)
         controls = texture_geometry(
-            targets[j].color, depths[j], targets[j].camera, color, depth, mask, target.camera, window, size
+            targets[j].color, depths[j], targets[j].camera, color, depth, mask, target.camera, window, size,
+            method.scales,
         )  # fmt: skip
         followed = tuple(control for control in controls if control.kind in prior.control_kinds)
         given = color.clamp(0.0, 1.0) if known is None else torch.from_numpy(known[i])
         cond = known_part(prior, given[window], mask[window], size).rows([0], torch.device("cpu"))
-        guide = TextureGeometryGuide(prior, mask, guidance, followed, cond, distillation, window)
+        guide = TextureGeometryGuide(prior, mask, guidance, followed, cond, method.distillation, window)
         guided.append(replace(target, guide=guide))
     return guided
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.pipelines.method import PAPER, Choices, Method
+from diga3d_warp.pipelines.choices import OF_METHODS, OF_NETWORKS, Choices
+from diga3d_warp.pipelines.method import PAPER, Method
 from diga3d_warp.priors.conditioning import Guidance
 from diga3d_warp.priors.named import reads_prompts
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior, Task
@@ -47,7 +48,14 @@ class FreeText:
                 "an edit by free text cannot be warped by depth, which it may change: "
                 "use --propagation attention or none"
             )
-        return FreeText(prior, Guidance(prior.encode_prompts(prompt, negative, task)), method)
+        return FreeText(
+            prior, replace(prior.guidance, prompts=prior.encode_prompts(prompt, negative, task)), method
+        )
+
+    @property
+    def inverted(self) -> bool:
+        """Whether sampling starts from the inverted views."""
+        return self.method.inversion != "none"
 
     @property
     def sampling(self) -> SamplingSettings:
@@ -66,17 +74,8 @@ def check_built_in(choices: Choices) -> None:
     Raises:
         InputError: one of them was made.
     """
-    unread = [
-        option
-        for option, chosen in (
-            ("--negative", choices.negative),
-            ("--propagation", choices.propagation),
-            ("--tg-sds", choices.tg_sds),
-        )
-        if chosen
-    ]
-    if unread:
-        raise InputError(
-            f"{' and '.join(unread)}: the built-in materials are painted without it; "
-            "leave it out, or give --prior sd-inpainting, powerpaint or a folder"
-        )
+    choices.refuse_options(
+        OF_NETWORKS + OF_METHODS,
+        "the built-in materials are painted without it; leave it out, or give --prior sd-inpainting, "
+        "powerpaint or a folder",
+    )

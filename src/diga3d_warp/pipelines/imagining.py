@@ -80,6 +80,7 @@ def imagine(
     cleared: Gaussians,
     references: References,
     words: FreeText,
+    seed: int,
 ) -> list[np.ndarray]:
     """The coarse images: every view with the new object where the old one's mask is (paper Sec. 3.3).
 
@@ -101,6 +102,8 @@ def imagine(
             words.guidance,
             words.sampling,
             references=references.indices,
+            inverted=words.inverted,
+            seed=seed,
             say=say,
             progress=sampling_bar("imagine"),
         )

@@ -1,4 +1,4 @@
-"""Options of the method: choice of references, propagation to the other views, score distillation."""
+"""The method: choice of references, propagation to the other views, score distillation."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any, Literal
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.attention import AFP_WEIGHT
-from diga3d_warp.priors.conditioning import ControlKind
+from diga3d_warp.priors.conditioning import ControlScales
 from diga3d_warp.priors.distillation import DistillationSettings
-from diga3d_warp.priors.named import load_prior
-from diga3d_warp.priors.protocol import DiffusionPrior, Prior, Task
+from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.priors.settings import SamplingSettings
 
 Propagation = Literal["attention", "warp", "none"]
+Inversion = Literal["none", "photograph", "fill"]
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,11 @@ class Method:
         afp_weight: lambda_a of "attention" (Eq. 4) [1].
         sampling: Sampling of the other views with "attention" and "none"; None for the prior's default. Below
             full strength, "attention" starts from the warped fill.
+        inversion: What sampling starts from: noise, the DDIM inversion of the photographs with their object
+            (paper Sec. 3.3), or that of the references' fill warped to the view. None is the photographs in
+            edits by free text, which keep shape and light, and noise in removals. An edit has no fill.
         distillation: TG-SDS (paper Sec. 3.4); None leaves the fine stage out.
+        scales: Weights of the controls that edits by free text and TG-SDS follow.
         surfaces: Whether surfaces behind the object are filled in their own coordinates, before the
             references are.
     """
@@ -39,7 +43,9 @@ class Method:
     propagation: Propagation = "attention"
     afp_weight: float = AFP_WEIGHT
     sampling: SamplingSettings | None = None
+    inversion: Inversion | None = None
     distillation: DistillationSettings | None = field(default_factory=DistillationSettings)
+    scales: ControlScales = field(default_factory=ControlScales)
     surfaces: bool = True
 
     def sampling_for(self, prior: DiffusionPrior) -> SamplingSettings:
@@ -55,6 +61,7 @@ class Method:
             "references": self.references,
             "selection": self.selection,
             "propagation": self.propagation,
+            "inversion": self.inversion,
             "tg_sds": self.distillation is not None,
             "surfaces": self.surfaces,
         }
@@ -86,91 +93,12 @@ def check_method(method: Method, prior: Prior) -> None:
         raise InputError(
             f"prior {prior.name} estimates no noise: give it --propagation warp --no-tg-sds, or another prior"
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Choices:
-    """Options of prior and method; None stands for the default of the prior.
-
-    Attributes:
-        prior: A name or folder as `priors.named.load_prior` takes it, or a prior.
-        negative: Tn, the negative prompt.
-        references, selection: As in `Method`.
-        propagation: As in `Method`.
-        tg_sds: Whether score distillation refines the edit.
-        surfaces: As in `Method`.
-    """
-
-    prior: str | Prior = "exemplar"
-    negative: str = ""
-    references: int = Method.references
-    selection: Literal["kmeans", "random"] = Method.selection
-    propagation: Propagation | None = None
-    tg_sds: bool | None = None
-    surfaces: bool = Method.surfaces
-
-    @property
-    def prior_name(self) -> str:
-        """Name or folder of the prior."""
-        return self.prior if isinstance(self.prior, str) else self.prior.name
-
-    def load_prior(
-        self,
-        task: Task,
-        positive: str = "",
-        negative: str | None = None,
-        controls: tuple[ControlKind, ...] | None = None,
-    ) -> Prior:
-        """The prior, with its prompts; one that was given has them already.
-
-        Args:
-            task, positive: Task of the prompts, and Tp.
-            negative: Tn; the chosen one if None.
-            controls: Kinds of control to load; if None, those that score distillation needs.
-
-        Raises:
-            InputError: see `priors.named.load_prior`.
-        """
-        if not isinstance(self.prior, str):
-            return self.prior
-        negative = self.negative if negative is None else negative
-        wanted: tuple[ControlKind, ...] = () if self.tg_sds is False else ("edges", "depth")
-        return load_prior(
-            self.prior,
-            task=task,
-            positive=positive,
-            negative=negative,
-            controls=wanted if controls is None else controls,
+    if (
+        method.inversion == "photograph"
+        and isinstance(prior, DiffusionPrior)
+        and prior.sampling.strength < 1.0
+    ):
+        raise InputError(
+            f"prior {prior.name} only redraws details of what it starts from, which would be the object: "
+            "give it --inversion fill or none"
         )
-
-    def choose_method(self, prior: Prior) -> Method:
-        """The default method of a prior, with the user's options applied.
-
-        Raises:
-            InputError: the prior cannot do what was chosen, or would read no negative prompt.
-        """
-        method = replace(
-            usual_method(prior),
-            references=self.references,
-            selection=self.selection,
-            surfaces=self.surfaces,
-        )
-        if self.propagation is not None:
-            method = replace(method, propagation=self.propagation)
-        if self.tg_sds is not None:
-            method = replace(method, distillation=DistillationSettings() if self.tg_sds else None)
-        check_method(method, prior)
-        self._check_negative(method, prior)
-        return method
-
-    def _check_negative(self, method: Method, prior: Prior) -> None:
-        """Refuse a negative prompt that would be ignored: without noise estimates, `fill` reads no prompt."""
-        if not self.negative or (isinstance(prior, DiffusionPrior) and prior.learned):
-            return
-        if not isinstance(prior, DiffusionPrior):
-            raise InputError(f"prior {prior.name} reads no prompts: leave --negative out")
-        if method.propagation == "warp" and method.distillation is None:
-            raise InputError(
-                f"--negative is heeded where prior {prior.name} estimates noise: "
-                "add --propagation attention or --tg-sds, or leave it out"
-            )

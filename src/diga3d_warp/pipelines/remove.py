@@ -37,6 +37,7 @@ from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines import charting, clearing, coarse, fine, marking, mask_propagation, stages
 from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.fit import conclude, fit_settings
+from diga3d_warp.pipelines.free_text import reads_free_text
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks
 from diga3d_warp.pipelines.method import Method, check_method, usual_method
 from diga3d_warp.pipelines.own_fills import NO_FILLS, Fills, read_fills
@@ -199,7 +200,7 @@ def take_out(
     assert isinstance(prior, DiffusionPrior), "check_method refuses others"
     refined = fine.distil(
         run, edited, cleared.held(len(edited)), coarse.targets_of(views, backgrounds, fills),
-        unseen, references, prior, prior.guidance, method.distillation,
+        unseen, references, prior, prior.guidance, method,
         scene.extent, settings.distil, seed, known=[at.image for at in backgrounds],
     )  # fmt: skip
     return TakenOut(refined, source, rows, scene, edit_masks, references, "distil")
@@ -221,8 +222,10 @@ def remove(
         TypeError: an option is unknown.
     """
     request = EditRequest(scene=scene, out=out, **options)
-    request.refuse("remove", "prompt", "exemplar", "asset")
-    prior = request.load_prior("remove")
+    request.refuse("remove", "exemplar", "asset")
+    if request.prompt is not None and not reads_free_text(request):
+        request.refuse(f"remove with prior {request.prior_name}", "prompt")
+    prior = request.load_prior("remove", request.prompt or "")
     method = request.choose_method(prior)
     marks = request.marks()
     capture = request.load()
@@ -232,7 +235,7 @@ def remove(
     settings = settings or remove_settings(capture, request, method)
     method = settings.method_for(prior)
     stages.check_edit(marking.quick_masks(capture, marks), method.references)
-    run = request.open_edit("remove", capture, settings.fit.iterations, marks, method)
+    run = request.open_edit("remove", capture, settings.fit.iterations, marks, method, prompt=request.prompt)
     result = remove_object(
         capture, run, settings, prior=prior, marks=marks, own=own, seed=request.seed, effects=request.effects
     )

@@ -193,7 +193,7 @@ def _imagined(
     """The scene with an object that a prior generates in the old object's place."""
     extent, references, views = taken.scene.extent, taken.references, taken.scene.views
     masks = [taken.edit_masks[view.name] for view in views]
-    images = imagining.imagine(run, views, masks, sights, taken.gaussians, references, words)
+    images = imagining.imagine(run, views, masks, sights, taken.gaussians, references, words, seed)
     imagined = imagining.measure(run, views, masks, sights, images, taken.gaussians, estimator)
     grown = imagining.grow(run, taken.gaussians, imagined, references, extent, settings.grow, seed)
     if words.method.distillation is None:
@@ -201,7 +201,7 @@ def _imagined(
     held = torch.arange(len(grown)) < len(taken.gaussians)
     return fine.distil(
         run, grown, held, [each.target for each in imagined], masks, references, words.prior,
-        words.guidance, words.method.distillation, extent, settings.removal.distil, seed,
+        words.guidance, words.method, extent, settings.removal.distil, seed,
     )  # fmt: skip
 
 

@@ -11,8 +11,9 @@ from diga3d_warp.config import ACCURACIES, Accuracy
 from diga3d_warp.effects.overrides import format_overrides
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.pipelines.choices import Choices
 from diga3d_warp.pipelines.marking import Marks, read_marks
-from diga3d_warp.pipelines.method import Choices, Method
+from diga3d_warp.pipelines.method import Method
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Reading, Scene
@@ -119,7 +120,8 @@ class EditRequest(FitRequest, Choices):
             place of masks.
         mask_prompt: Prompt that names the object, in place of masks.
         mask_models: Folder with the weights for `mask_prompt`; None for the Hugging Face cache.
-        prompt: The new material of `retexture`, the new object of `replace`.
+        prompt: The new material of `retexture`, the new object of `replace`, what a network shall show behind
+            the object of `remove`.
         exemplar: A picture of the material, in place of the one in the prompt.
         asset: A mesh or splat that `replace` puts in the object's place.
         fill: Reference views as filled by another program: each VIEW=IMAGE, or a folder of images named after

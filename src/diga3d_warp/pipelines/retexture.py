@@ -142,7 +142,7 @@ def retexture_object(
         held = torch.arange(len(edited)) < int((~rows).sum())
         edited = fine.distil(
             run, edited, held, recolouring.targets_of(sights, images), [sight.touched for sight in sights],
-            references, words.prior, words.guidance, method.distillation, scene.extent, settings.distil, seed,
+            references, words.prior, words.guidance, method, scene.extent, settings.distil, seed,
         )  # fmt: skip
         last = "distil"
     stages.show_views(run, scene, source, edited)
@@ -152,7 +152,10 @@ def retexture_object(
 
 def _repainter(words: FreeText) -> Repainter:
     bar = sampling_bar("repaint")
-    return DiffusionRepainter(words.prior, words.guidance, words.sampling, say=say, progress=bar)
+    return DiffusionRepainter(
+        words.prior, words.guidance, words.sampling, scales=words.method.scales, inverted=words.inverted,
+        say=say, progress=bar,
+    )  # fmt: skip
 
 
 def _painter(run: Run, material: Material) -> Repainter:
@@ -188,7 +191,7 @@ def retexture(
     prior = _prior(request, words, exemplar)
     method = replace(WARPED, references=request.references, selection=request.selection)
     if prior is not None:
-        method = request.choose_method(prior)
+        method = request.choose_method(prior, controlled=True)
         FreeText.of(prior, words, request.negative, "retexture", method)  # refuses before a long fit
     marks = request.marks()
     capture = request.load()

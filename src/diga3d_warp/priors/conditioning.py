@@ -72,9 +72,18 @@ class Conditioning:
 
 ControlKind = Literal["edges", "depth"]
 
-EDGES_SCALE = 0.8
-DEPTH_SCALE = 1.0
-"""Condition scales of texture and depth (paper, appendix)."""
+
+@dataclass(frozen=True)
+class ControlScales:
+    """Weights of the controls.
+
+    Attributes:
+        edges: Of the texture map [1]. Paper, appendix: 0.8.
+        depth: Of the depth map [1]. Paper, appendix: 1.
+    """
+
+    edges: float = 0.8
+    depth: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -84,7 +93,7 @@ class Control:
     Attributes:
         kind: Edges (0 or 1), or inverse depth in [0, 1] with near bright, as ControlNet was trained.
         image: One channel for each of B images, shape (B, H, W), float32 in [0, 1].
-        scale: Weight of the control [1]: `EDGES_SCALE` or `DEPTH_SCALE`.
+        scale: Weight of the control [1], see `ControlScales`.
     """
 
     kind: ControlKind

@@ -1,6 +1,7 @@
 """Edit the masked part of many views by a prompt (coarse stage, paper Sec. 3.3).
 
-Sampling starts from the DDIM inversion of the views, so that pose, shape and light are kept. The references
+Sampling starts from the DDIM inversion of the views, unless noise is asked for, so that pose, shape and light
+are kept. The references
 are edited one after another, each attending to the earlier ones; then all other views attend to the
 references. An edited reference is not sampled again: at each timestep it only provides its keys and values.
 """
@@ -29,12 +30,12 @@ def edit_views(
     *,
     references: Sequence[int],
     controls: Sequence[ViewControl] = (),
+    inverted: bool = True,
+    seed: int = 0,
     say: Callable[[str], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[torch.Tensor]:
     """Edit the masked part of N views, within windows around it.
-
-    There is no seed: the noise of each view comes from its inversion.
 
     Args:
         prior: The diffusion prior.
@@ -44,6 +45,8 @@ def edit_views(
         settings: Steps, strength, batch size and weight of propagation.
         references: Indices of the views that all others attend to, in their order; each has a mask.
         controls: Edges and depth that condition the sampling, for all views.
+        inverted: Whether sampling starts from the DDIM inversion of the views; from noise if not.
+        seed: Seed of that noise; inversion draws none.
         say: Called with a line on time and memory before each reference, and before the other views.
         progress: Called after each timestep with the number of finished timesteps and their total.
 
@@ -64,7 +67,7 @@ def edit_views(
     others = [k for k in range(len(parts)) if k not in first]
     turns = [[k] for k in first] + ([others] if others else [])
     # The negative half of a removal without words: an image that shows some object.
-    source = prior.encode_prompts("", "", "remove").negative
+    source = prior.encode_prompts("", "", "remove").negative if inverted else None
     steps = len(prior.schedule.timesteps(settings.steps, settings.strength))
 
     for done, turn in enumerate(turns):
@@ -80,6 +83,7 @@ def edit_views(
             inpainted=True,
             controls=[replace(c, shown=[c.shown[k] for k in rows]) for c in followed],
             source=source,
+            seed=seed,
             say=say,
             progress=_counting(progress, done * steps, len(turns) * steps),
         )

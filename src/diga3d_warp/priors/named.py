@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.priors.classical import ClassicalPrior
@@ -38,6 +39,7 @@ def load_prior(
     negative: str = "",
     controls: Sequence[ControlKind] = (),
     device: str = "auto",
+    **network: Any,
 ) -> Prior:
     """Load a prior with its prompts.
 
@@ -48,6 +50,7 @@ def load_prior(
             "exemplar" reads the negative one only: it continues the surroundings.
         controls: Kinds of control that a Stable Diffusion prior loads a ControlNet for.
         device: "auto", "cpu" or "cuda". The built-in priors and LaMa compute on the CPU.
+        network: Further arguments of `load_stable_diffusion`, which other priors have no use for.
 
     Raises:
         InputError: no such prior, missing weights, or prompts that it does not understand.
@@ -72,5 +75,5 @@ def load_prior(
     if name not in PRIORS and not Path(name).expanduser().exists():
         raise InputError(f"there is no prior or folder {name}: give {', '.join(BUILT_IN)}, {_OTHERS}")
     return load_stable_diffusion(
-        name, controls=controls, device=device, positive=positive, negative=negative, task=task
+        name, controls=controls, device=device, positive=positive, negative=negative, task=task, **network
     )

@@ -71,10 +71,10 @@ def inpaint_views(
         references: Indices of the views that the others attend to.
         inpainted: Whether the references are inpainted already; they then stay as they are, and a prior with
             an image encoder is told what they show (the paper's I_p), unless `guidance` names an image.
-        init_images: Images that sampling below full strength starts from; `images` if None.
+        init_images: Images that inversion, or sampling below full strength, starts from; `images` if None.
         controls: Edges and depth that condition the sampling (ControlNet).
-        source: Prompt half (`Prompts.positive` of a prompt) that describes the images as they are: sampling
-            starts from their DDIM inversion. If None it starts from noise, the same for all views.
+        source: Prompt half (`Prompts.positive` of a prompt) that describes `init_images` as they are:
+            sampling starts from their DDIM inversion. If None it starts from noise, the same for all views.
         seed: Seed of the noise.
         say: Called with a line on time and memory before sampling starts.
         progress: Called after each timestep with the number of finished timesteps.
@@ -164,17 +164,18 @@ def _encode(
         (check_fill if source is None else check_shapes)(image, mask)
         cond = known_part(prior, image, mask, size)
         along = [control.at(index, size, prior.device) for control in controls]
-        if source is None:
-            noise = initial_noise(cond.latent.shape, seed).to(prior.device)
-            start = noise
-            if settings.strength < 1.0:
-                here = resize_images(init_images[index][None].to(prior.device), size)
-                start = schedule.add_noise(prior.encode_image(here), noise, first)
+        if source is None and settings.strength == 1.0:
+            start = noise = initial_noise(cond.latent.shape, seed).to(prior.device)
         else:
-            start = invert(
-                prior, cond.latent, source, cond, along, steps=settings.steps, strength=settings.strength
-            )
-            noise = schedule.noise_between(start, cond.latent, first)
+            begun = prior.encode_image(resize_images(init_images[index][None].to(prior.device), size))
+            if source is None:
+                noise = initial_noise(cond.latent.shape, seed).to(prior.device)
+                start = schedule.add_noise(begun, noise, first)
+            else:
+                start = invert(
+                    prior, begun, source, cond, along, steps=settings.steps, strength=settings.strength
+                )
+                noise = schedule.noise_between(start, begun, first)
         conds.append(cond.rows([0], host))
         followed.append([control.rows([0], host) for control in along])
         starts.append(start.to(host))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -31,6 +32,7 @@ def propagate_appearance(
     sampling: SamplingSettings,
     *,
     attend: bool = True,
+    inversion: Literal["none", "photograph", "fill"] = "none",
     seed: int = 0,
     say: Callable[[str], None] | None = None,
     progress: Callable[[int], None] | None = None,
@@ -46,6 +48,8 @@ def propagate_appearance(
         references: Which views the others attend to.
         sampling: Steps, strength, batch size and weight of propagation.
         attend: Whether the views attend to the references.
+        inversion: Whether sampling starts from the DDIM inversion of the photographs with their object, of
+            the warped fills, or of nothing: then from noise.
         seed: Seed of the noise.
         say, progress: As in `priors.views.inpaint_views`.
 
@@ -69,11 +73,14 @@ def propagate_appearance(
     images = [
         init_images[k] if i in fixed else torch.from_numpy(backgrounds[i].image) for k, i in enumerate(rows)
     ]
+    # The photographs hold the object, and the fills none: in either case the empty prompt describes them.
+    source = None if inversion == "none" else prior.encode_prompts("", "", "remove").negative
+    begun = images if inversion == "photograph" else init_images
     windows = Windows.around(masks, prior)
     parts = inpaint_views(
         prior, windows.cut(images), windows.cut(masks), prior.guidance, sampling,
-        references=range(len(read)), inpainted=True, init_images=windows.cut(init_images), seed=seed, say=say,
-        progress=progress,
+        references=range(len(read)), inpainted=True, init_images=windows.cut(begun), source=source,
+        seed=seed, say=say, progress=progress,
     )  # fmt: skip
     for i, image in zip(rows, windows.put_back(images, list(parts)), strict=True):
         if i not in fixed:

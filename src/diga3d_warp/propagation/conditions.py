@@ -11,7 +11,7 @@ import torch
 
 from diga3d_warp.perception.depth import depth_control
 from diga3d_warp.perception.edges import canny_edges
-from diga3d_warp.priors.conditioning import DEPTH_SCALE, EDGES_SCALE, Control
+from diga3d_warp.priors.conditioning import Control, ControlScales
 from diga3d_warp.priors.windows import WHOLE
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.reproject import reproject
@@ -27,6 +27,7 @@ def texture_geometry(
     camera: Camera,
     window: tuple[slice, slice] = WHOLE,
     size: tuple[int, int] | None = None,
+    scales: ControlScales | None = None,
 ) -> tuple[Control, Control]:
     """Texture map C' and depth map D' of one view, warped from the reference of its cluster.
 
@@ -42,11 +43,13 @@ def texture_geometry(
         camera: Camera of the view.
         window: Rows and columns of the view that the prior is shown.
         size: Height and width at which it is shown them [px], from `Prior.native_size`; their own if None.
+        scales: Weights of the two; the paper's if None.
 
     Returns:
-        Edges and inverse depth, one row each, shape (1, *size), with the paper's scales. No edge is drawn
+        Edges and inverse depth, one row each, shape (1, *size). No edge is drawn
         near pixels that neither the reference nor the view's unmasked part shows.
     """
+    scales = scales or ControlScales()
     with torch.no_grad():
         warped = reproject(reference_image, reference_depth, reference, camera)
         covered = mask & warped.visible
@@ -55,4 +58,4 @@ def texture_geometry(
         surface = torch.where(covered, warped.depth, depth)
         edges = canny_edges(picture[window], known[window], size)
         near = depth_control(surface[window], known[window], size)
-        return Control("edges", edges[None], EDGES_SCALE), Control("depth", near[None], DEPTH_SCALE)
+        return Control("edges", edges[None], scales.edges), Control("depth", near[None], scales.depth)
