@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import torch
 import torch.nn.functional as F
 
-from diga3d_warp.checkpoints import Checkpoint, load_model, locate, require_diffusion
+from diga3d_warp.checkpoints import Checkpoint, check_model, load_model, locate, require_diffusion
 from diga3d_warp.errors import InputError
 from diga3d_warp.perception.resampling import resize_images
 
@@ -102,16 +103,27 @@ def depth_control(
 
 
 class DepthEstimator:
-    """DPT (Ranftl et al. 2021), which the paper uses, through transformers.
+    """DPT (Ranftl et al. 2021), which the paper uses, through transformers; read when it is first asked.
 
     Args:
-        model: `transformers.DPTForDepthEstimation`.
-        side: Side of the square that it is given [px]; its training size.
+        folder: Of a `transformers.DPTForDepthEstimation`.
+        device: As torch names it.
     """
 
-    def __init__(self, model: Any, side: int) -> None:
-        self.model = model
-        self.side = side
+    def __init__(self, folder: Path, device: str = "cpu") -> None:
+        self.folder = folder
+        self.device = device
+
+    @cached_property
+    def model(self) -> Any:
+        """The network, on its device.
+
+        Raises:
+            InputError: its weights are incomplete or do not fit.
+        """
+        from transformers import DPTForDepthEstimation
+
+        return load_model(DPTForDepthEstimation, self.folder).to(self.device)
 
     @staticmethod
     def load(folder: str | Path | None = None, device: str = "cpu") -> DepthEstimator:
@@ -121,10 +133,9 @@ class DepthEstimator:
             InputError: the weights or the libraries are missing, or broken.
         """
         require_diffusion()
-        from transformers import DPTForDepthEstimation
-
-        model = load_model(DPTForDepthEstimation, locate(DPT, folder))
-        return DepthEstimator(model.to(device), int(model.config.image_size))
+        found = locate(DPT, folder)
+        check_model(found)
+        return DepthEstimator(found, device)
 
     @staticmethod
     def if_downloaded() -> DepthEstimator | None:
@@ -151,8 +162,24 @@ class DepthEstimator:
             Shape (H, W), float32, on the image's device.
         """
         # transformers' DPT takes squares only, and its own processor stretches images to one
-        square = (self.side, self.side)
+        square = 2 * (int(self.model.config.image_size),)
         pixels = F.interpolate(image.permute(2, 0, 1)[None], square, mode="bicubic", antialias=True)
         estimate = self.model((pixels.clamp(0.0, 1.0) * 2.0 - 1.0).to(self.model.device)).predicted_depth
         whole = F.interpolate(estimate[:, None], image.shape[:2], mode="bicubic", align_corners=False)
         return whole[0, 0].to(image.device)
+
+    def aligned(self, image: torch.Tensor, depth: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
+        """z of an image, aligned to known depth around what is estimated (paper Sec. 3.5).
+
+        Args:
+            image: RGB in [0, 1], shape (H, W, 3).
+            depth, valid: As in `align_disparity`.
+
+        Returns:
+            Shape (H, W) [scene units], positive.
+
+        Raises:
+            InputError: see `align_disparity`.
+        """
+        disparity = self.disparity(image)
+        return align_disparity(disparity, depth, valid).depth(disparity)

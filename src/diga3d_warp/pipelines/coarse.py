@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from diga3d_warp.errors import InputError
 from diga3d_warp.files import to_bytes, write_arrays, write_image
 from diga3d_warp.gaussians.fit import FitSettings, fit
 from diga3d_warp.gaussians.initialise import from_image
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.target import Target
+from diga3d_warp.perception.depth import DepthEstimator
 from diga3d_warp.pipelines import clearing, stages
 from diga3d_warp.pipelines.method import Method
 from diga3d_warp.pipelines.own_fills import NO_FILLS, Fills
@@ -95,6 +98,40 @@ def propagate(
         _keep(folder, views, found)
 
     return read_fills(run.stage("propagate", compute), views)
+
+
+def estimate_depth(
+    run: Run,
+    views: Sequence[View],
+    backgrounds: Sequence[Background],
+    depths: Sequence[np.ndarray],
+    charts: Sequence[Chart],
+    fills: Sequence[Fill],
+    estimator: DepthEstimator | None,
+) -> list[Fill]:
+    """Depth of the filled views, estimated and aligned to the scene around (paper Sec. 3.5, L_depth).
+
+    Charts know the surface that they show and keep its depth. Without an estimator, or where its estimate
+    contradicts the scene, the depth is that which the surroundings continue.
+    """
+    if estimator is None:
+        return list(fills)
+
+    def compute(folder: Path) -> None:
+        found = []
+        for view, background, depth, fill in zip(views, backgrounds, depths, fills, strict=True):
+            open_ = fill.filled & ~chart_view(view, background, depth, charts).shown
+            if open_.any():
+                around = torch.from_numpy(~background.unseen)
+                try:
+                    guess = estimator.aligned(torch.from_numpy(fill.image), torch.from_numpy(depth), around)
+                    fill = replace(fill, depth=np.where(open_, guess.numpy(), fill.depth).astype(np.float32))
+                except InputError as error:
+                    run.note(f"{view.name}: {error}; the surface around the hole is continued")
+            found.append(fill)
+        _keep(folder, views, found)
+
+    return read_fills(run.stage("estimate", compute), views)
 
 
 def targets_of(

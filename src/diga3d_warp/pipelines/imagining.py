@@ -17,7 +17,7 @@ from diga3d_warp.gaussians.initialise import from_image
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.objects.surface import Sight
-from diga3d_warp.perception.depth import DepthEstimator, align_disparity
+from diga3d_warp.perception.depth import DepthEstimator
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.coarse import SEEDS_PER_REFERENCE
 from diga3d_warp.pipelines.free_text import FreeText
@@ -189,10 +189,8 @@ def _estimated(
     run: Run, view: View, mask: np.ndarray, image: np.ndarray, behind: torch.Tensor, estimator: DepthEstimator
 ) -> np.ndarray | None:
     """z of a coarse image [scene units], shape (H, W), or None where the estimate is of no use."""
-    disparity = estimator.disparity(torch.from_numpy(image))
-    around = torch.from_numpy(~mask)
     try:
-        return align_disparity(disparity, behind, around).depth(disparity).numpy()
+        return estimator.aligned(torch.from_numpy(image), behind, torch.from_numpy(~mask)).numpy()
     except InputError as error:
         run.note(f"{view.name}: {error}; the old object's depth stands in")
         return None

@@ -9,6 +9,7 @@ charts       surfaces that go on behind the object, filled in their own coordina
 references   K views by k-means on camera centres
 fill         charts put into all views; the rest of the references filled in turn, and warped to the others
 propagate    the other views filled, attending to the references
+estimate     depth of the filled views, where DPT's weights are and the prior is a network
 refit        the hole fitted to the filled views, with colour and depth
 distil       the hole refined by score distillation, under texture and depth of the references
 """
@@ -34,6 +35,7 @@ from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.perception.depth import DepthEstimator
 from diga3d_warp.pipelines import charting, clearing, coarse, fine, marking, mask_propagation, stages
 from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.fit import conclude, fit_settings
@@ -108,6 +110,7 @@ def remove_object(
     prior: Prior | None = None,
     marks: Marks = OWN_MASKS,
     own: Fills = NO_FILLS,
+    estimator: DepthEstimator | None = None,
     seed: int = 0,
     effects: Mapping[str, bool | int] | None = None,
 ) -> EditResult:
@@ -120,6 +123,7 @@ def remove_object(
         prior: Prior that inpaints what no view saw; `ExemplarPrior` if None.
         marks: Boxes or a prompt that mark the object; empty uses the masks of the scene.
         own: Reference views that the user filled; they replace the prior's.
+        estimator: Depth estimator for the filled views; if None, the surface around the hole is continued.
         seed: The same scene, settings and seed give the same bytes.
         effects: Effects forced on or off by the user, by name; the others are chosen from the scene.
 
@@ -133,7 +137,7 @@ def remove_object(
     run.hold_to(**everything(scene, settings, seed, effects, prior, method, own))
     scene = marking.mark(run, scene, marks)
     stages.check_edit(scene, method.references)
-    taken = take_out(scene, run, settings, prior, marks, seed, effects, own)
+    taken = take_out(scene, run, settings, prior, marks, seed, effects, own, estimator)
     stages.show_views(run, taken.scene, taken.source, taken.gaussians)
     edited, source = stages.finish(run, taken.stage)
     return EditResult(edited, run, source)
@@ -164,7 +168,7 @@ class TakenOut:
 
 def take_out(
     scene: Scene, run: Run, settings: RemoveSettings, prior: Prior, marks: Marks, seed: int,
-    effects: Mapping[str, bool | int] | None, own: Fills = NO_FILLS,
+    effects: Mapping[str, bool | int] | None, own: Fills = NO_FILLS, estimator: DepthEstimator | None = None,
 ) -> TakenOut:  # fmt: skip
     """The stages of a removal, from the fit to the filled hole; arguments as `remove_object`."""
     method = settings.method_for(prior)
@@ -191,6 +195,7 @@ def take_out(
     references = stages.choose_references(run, views, holes, method, seed, own)
     fills = coarse.fill_views(run, views, backgrounds, depths, charts, references, prior, method, seed, own)
     fills = coarse.propagate(run, views, backgrounds, depths, fills, references, prior, method, seed)
+    fills = coarse.estimate_depth(run, views, backgrounds, depths, charts, fills, estimator)
     edited = coarse.refit(
         run, views, cleared, backgrounds, depths, charts, fills, references, scene.extent, settings.refit,
         seed,
@@ -227,6 +232,8 @@ def remove(
         request.refuse(f"remove with prior {request.prior_name}", "prompt")
     prior = request.load_prior("remove", request.prompt or "")
     method = request.choose_method(prior)
+    learned = isinstance(prior, DiffusionPrior) and prior.learned
+    estimator = DepthEstimator.if_downloaded() if learned else None
     marks = request.marks()
     capture = request.load()
     own = read_fills(request.fill, capture)
@@ -235,10 +242,14 @@ def remove(
     settings = settings or remove_settings(capture, request, method)
     method = settings.method_for(prior)
     stages.check_edit(marking.quick_masks(capture, marks), method.references)
-    run = request.open_edit("remove", capture, settings.fit.iterations, marks, method, prompt=request.prompt)
+    run = request.open_edit(
+        "remove", capture, settings.fit.iterations, marks, method, prompt=request.prompt,
+        depth_estimated=estimator is not None,
+    )  # fmt: skip
     result = remove_object(
-        capture, run, settings, prior=prior, marks=marks, own=own, seed=request.seed, effects=request.effects
-    )
+        capture, run, settings, prior=prior, marks=marks, own=own, estimator=estimator, seed=request.seed,
+        effects=request.effects,
+    )  # fmt: skip
     conclude(run, capture)
     return result
 
