@@ -40,12 +40,14 @@ def test_reading_is_the_papers_blend(qkv, count):
     torch.testing.assert_close(read(bank, qkv)[0], expected)
 
 
-def test_it_is_not_one_softmax_over_all_references(qkv):
-    bank = AttentionBank(weight=1.0)
-    fill(bank, qkv)
+def test_it_is_one_softmax_over_all_references_only_if_asked(qkv):
     query, key, value = qkv
-    joined = [torch.cat(list(x[:3]), 1) for x in (key, value)]
-    assert not torch.allclose(read(bank, qkv)[0], softmax_attention(query[3], *joined), atol=1e-2)
+    joined = softmax_attention(query[3], *(torch.cat(list(x[:3]), 1) for x in (key, value)))
+    averaged, together = AttentionBank(weight=1.0), AttentionBank(weight=1.0, joined=True)
+    for bank in (averaged, together):
+        fill(bank, qkv)
+    assert not torch.allclose(read(averaged, qkv)[0], joined, atol=1e-2)
+    torch.testing.assert_close(read(together, qkv)[0], joined)
 
 
 def test_writing_and_off_change_nothing(qkv):

@@ -1,5 +1,7 @@
 """Sampling of one view and of many, on a prior whose estimates are exact."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -7,6 +9,7 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.priors.attention import AttentionBank
 from diga3d_warp.priors.conditioning import Conditioning, Control, Guidance, Prompts
 from diga3d_warp.priors.guidance import guided_noise
+from diga3d_warp.priors.inversion import invert
 from diga3d_warp.priors.plan import plan_sampling
 from diga3d_warp.priors.sampling import ViewLatents, initial_noise, sample_views
 from diga3d_warp.priors.settings import SamplingSettings
@@ -82,6 +85,25 @@ def test_weight_zero_is_each_view_for_itself():
     propagated = sample_views(prior, views, PLAIN, SamplingSettings(steps=4), references=[1, 2])
     assert torch.equal(propagated[1:3], alone[1:3])
     assert not torch.allclose(propagated[0], alone[0], atol=1e-3)
+
+
+def test_inpainted_references_can_keep_their_own_trajectory():
+    """From the inversion of what they show they return to it; what they leave on the way differs slightly."""
+    prior = GaussianPrior(attention=0.3)
+    clean = 0.4 + 0.3 * initial_noise((2, 3, 6, 6), 5)
+    views = views_of(2)
+    cond = replace(views.cond, latent=clean)
+    start = torch.cat([invert(prior, clean[:1], 0.4, steps=40), views.start[1:]])
+    views = replace(views, start=start, cond=cond, inpainted=True)
+    seen = {}
+    for resampled in (False, True):
+        settings = SamplingSettings(steps=40, resampled=resampled)
+        prior.calls.clear()
+        z = sample_views(prior, views, PLAIN, settings, references=[0])
+        assert torch.equal(z[:1], clean[:1]), "they end as they are"
+        seen[resampled] = z[1]
+    assert not torch.equal(seen[False], seen[True])
+    assert float((seen[False] - seen[True]).abs().mean()) < 0.03 < float(seen[True].std())
 
 
 @pytest.mark.parametrize("batch", [1, 3, 100])

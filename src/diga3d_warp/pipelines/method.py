@@ -27,6 +27,8 @@ class Method:
             Sec. 3.3), "warp" (the references' fill warped by its depth), or "none": each view, references
             too, is filled on its own.
         afp_weight: lambda_a of "attention" (Eq. 4) [1].
+        afp_joined: One softmax over all references in place of the mean of K (Eq. 4), of networks only.
+        resampled: References keep one sampling trajectory, see `SamplingSettings`.
         sampling: Sampling of the other views with "attention" and "none"; None for the prior's default. Below
             full strength, "attention" starts from the warped fill.
         inversion: What sampling starts from: noise, the DDIM inversion of the photographs with their object
@@ -42,6 +44,8 @@ class Method:
     selection: Literal["kmeans", "random"] = "kmeans"
     propagation: Propagation = "attention"
     afp_weight: float = AFP_WEIGHT
+    afp_joined: bool = False
+    resampled: bool = False
     sampling: SamplingSettings | None = None
     inversion: Inversion | None = None
     distillation: DistillationSettings | None = field(default_factory=DistillationSettings)
@@ -53,7 +57,12 @@ class Method:
         sampling = self.sampling or prior.sampling
         if self.propagation == "none":
             return replace(sampling, strength=1.0, afp_weight=0.0)
-        return replace(sampling, afp_weight=self.afp_weight)
+        return replace(
+            sampling,
+            afp_weight=self.afp_weight,
+            afp_joined=self.afp_joined,
+            resampled=self.resampled,
+        )
 
     def summary(self) -> dict[str, Any]:
         """The method as JSON data for the manifest of a run."""

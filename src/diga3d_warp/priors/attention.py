@@ -45,6 +45,13 @@ class KeysValues:
         """Memory of keys and values [bytes]."""
         return self.key.nbytes + self.value.nbytes
 
+    @staticmethod
+    def joined(parts: Sequence[KeysValues]) -> KeysValues:
+        """Those of several references as if they were one with more tokens."""
+        return KeysValues(
+            torch.cat([each.key for each in parts], -2), torch.cat([each.value for each in parts], -2)
+        )
+
 
 class AttentionBank:
     """Features of reference views at one timestep, and the attention to them.
@@ -54,20 +61,22 @@ class AttentionBank:
 
         w / K sum_r Attn(Q_i, K_r, V_r) + (1 - w) Attn(Q_i, K_i, V_i)
 
-    The references are attended to one by one and averaged: one softmax over all of them together would let
-    the best match win, which is not Eq. 4.
+    The references are attended to one by one and averaged, as Eq. 4 says; one softmax over all of them
+    together lets the best match win.
 
     Args:
         weight: lambda_a, in [0, 1] [1]. At 0 the result is exactly the view's own attention.
+        joined: Whether the softmax is one over all references; of networks only, to compare.
 
     Raises:
         InputError: the weight is outside [0, 1].
     """
 
-    def __init__(self, weight: float = AFP_WEIGHT) -> None:
+    def __init__(self, weight: float = AFP_WEIGHT, joined: bool = False) -> None:
         if not 0.0 <= weight <= 1.0:
             raise InputError(f"attention weight {weight} is outside [0, 1]: the paper uses {AFP_WEIGHT}")
         self.weight = weight
+        self.joined = joined
         self._mode: Literal["off", "write", "read"] = "off"
         self._half: Hashable = None
         self._kept: dict[Hashable, list[Features]] = {}
@@ -111,7 +120,9 @@ class AttentionBank:
             self._kept.setdefault((layer, self._half), []).extend(features)
         if self._mode != "read" or self.weight == 0.0:
             return own
-        references = self._kept[layer, self._half]
+        references: Sequence[Any] = self._kept[layer, self._half]
+        if self.joined:
+            references = [KeysValues.joined(references)]
         propagated = torch.zeros_like(own)
         for reference in references:
             propagated = propagated + attention(reference)

@@ -78,7 +78,7 @@ def plan_sampling(
     Takes K + 5 noise estimates, a small part of any sampling that is worth planning for.
     """
     count = len(references)
-    bank = AttentionBank(settings.afp_weight)
+    bank = AttentionBank(settings.afp_weight, settings.afp_joined)
     timesteps = prior.schedule.timesteps(settings.steps, settings.strength)
     z = views.start[:1].to(prior.device)
     cond = views.cond.rows([0], prior.device)

@@ -30,7 +30,8 @@ class ViewLatents:
         cond: Known parts, N rows.
         controls: Control images, N rows each.
         noise: Noise of the known part, for a prior that is not `mask_aware`; `start` if None.
-        inpainted: The references are inpainted already: each timestep starts from their clean latents.
+        inpainted: The references are inpainted already: they end as they are, and each timestep starts from
+            their clean latents, unless `SamplingSettings.resampled`.
     """
 
     start: torch.Tensor
@@ -77,7 +78,7 @@ def sample_views(
     settings = settings or SamplingSettings()
     if len(set(references)) != len(references) or not all(0 <= r < len(views) for r in references):
         raise InputError(f"references {list(references)} are not distinct indices of {len(views)} views")
-    bank = AttentionBank(settings.afp_weight)
+    bank = AttentionBank(settings.afp_weight, settings.afp_joined)
     others = [index for index in range(len(views)) if index not in set(references)]
     z = views.start.clone()
     timesteps = prior.schedule.timesteps(settings.steps, settings.strength)
@@ -88,9 +89,13 @@ def sample_views(
     try:
         for done, t in enumerate(timesteps, start=1):
             to = timesteps[done] if done < len(timesteps) else None
-            z[inpainted] = prior.schedule.add_noise(clean, inpainted_noise, t)
+            if not settings.resampled:
+                z[inpainted] = prior.schedule.add_noise(clean, inpainted_noise, t)
             reading = bank.reading if references else nullcontext
-            turns = [(list(references), bank.writing, views.inpainted), (others, reading, False)]
+            turns = [
+                (list(references), bank.writing, views.inpainted and not settings.resampled),
+                (others, reading, False),
+            ]
             for indices, within, fixed in turns:
                 for first in range(0, len(indices), settings.batch):
                     rows = indices[first : first + settings.batch]
