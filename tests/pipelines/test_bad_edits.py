@@ -166,7 +166,7 @@ def no_words(folder: Path) -> None:
         (a_file, "is not a folder"),
         (emptied, "lacks config.json"),
         (pickled, "diffusion_pytorch_model.bin is a pickle"),
-        (cut_weights, "vae cannot be read"),
+        (cut_weights, "vae/diffusion_pytorch_model.safetensors cannot be read"),
         (no_words, "holds no tokenizer"),
         *((without(part), part) for part in ("unet", "vae", "text_encoder", "tokenizer", "scheduler")),
         (without("controlnet-edges"), "lllyasviel/sd-controlnet-canny"),
