@@ -2,24 +2,24 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from diga3d_warp.bench.ablation import measure, page
-from diga3d_warp.bench.ablation.measure import Outcome, priors_of
-from diga3d_warp.bench.ablation.trials import FULL, GROUPS, Trial
+from diga3d_warp.bench.ablation import cell, measure, page
+from diga3d_warp.bench.ablation.measure import Figures, priors_of
+from diga3d_warp.bench.ablation.trials import Trial, groups_of
+from diga3d_warp.bench.captures import Captures
 from diga3d_warp.errors import InputError
-from diga3d_warp.evaluation.metrics import Score
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.pipelines.method import PAPER, WARPED
 from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings
+from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.classical import ClassicalPrior
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.settings import SamplingSettings
-from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.photographs.images import read_image
-from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
 
 TINY = RemoveSettings(
     fit=FitSettings(iterations=60, budget=2000),
@@ -36,28 +36,31 @@ TRIALS = {
 }
 
 
+PRIORS = {"exemplar": ExemplarPrior(), "classical": ClassicalPrior(), "sd-inpainting": "no weights"}
+CAPTURES = Captures(("rug",), seeds=1, width=64, height=48, views=8, settings=TINY)
+
+
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
-    """A tiny ablation: its scene, its folder, its truth and its outcomes."""
+    """A tiny ablation: its scene, the folder of its runs, its truth and its outcomes."""
     folder = tmp_path_factory.mktemp("ablation")
-    room = SyntheticScene(width=64, height=48, views=7, shadows=False)
-    scene = load_scene(generate(room, folder / "room"), hold_out=3)
-    priors = {"exemplar": ExemplarPrior(), "classical": ClassicalPrior(), "sd-inpainting": "no weights"}
-    return scene, folder, *measure.measure(scene, TRIALS.values(), 1, folder, priors, TINY)
+    scene = CAPTURES.load("rug", 0, folder / "capture")
+    outcomes = dict(measure.measure(scene, TRIALS.values(), 0, folder / "runs", PRIORS, TINY))
+    run = outcomes and folder / "runs" / TRIALS["full"].key
+    truth = measure.Truth.of(scene, Run(run, "remove", {"scene": scene.path}, resume=True))
+    return scene, folder / "runs", truth, outcomes
 
 
 def outcome(outcomes, name):
-    return outcomes[TRIALS[name], 0]
+    return outcomes[TRIALS[name]]
 
 
 def test_each_trial_is_measured_but_those_without_a_prior(measured):
     scene, _, truth, outcomes = measured
-    assert list(outcomes) == [
-        (TRIALS[name], 0) for name in ("full", "without TG-SDS", "weight 0", "classical")
-    ]
-    assert sum(unseen.sum() for unseen in truth.unseen) > 100
+    assert list(outcomes) == [TRIALS[name] for name in ("full", "without TG-SDS", "weight 0", "classical")]
+    assert sum(unseen.sum() for unseen in truth.unseen) > 50
     for found in outcomes.values():
-        figures = [of(found) for of, _ in page.COLUMNS.values()]
+        figures = [of(found.figures) for of, _ in page.COLUMNS.values()]
         assert np.isfinite(figures).all() and min(figures) > 0
         assert list(found.fills) == [view.name for view in scene.views]
         assert min(image.std() for image in [*found.fills.values(), found.shown]) > 0.05, "not blank"
@@ -80,8 +83,9 @@ def test_distillation_changes_the_splat_and_no_coarse_image(measured):
     for name, image in with_it.fills.items():
         assert np.array_equal(image, without.fills[name])
     assert np.abs(with_it.shown - without.shown).max() > 1 / 255
-    assert with_it.rendered != without.rendered and with_it.seconds > without.seconds
-    first, second = (folder / f"{index}-0" / "stages" for index in (0, 1))
+    assert with_it.figures["rendered"] != without.figures["rendered"]
+    assert with_it.figures["seconds"] > without.figures["seconds"]
+    first, second = (folder / TRIALS[name].key / "stages" for name in ("full", "without TG-SDS"))
     for stage in ("fit", "propagate", "refit"):
         timings = [(stages / stage / "stage.json").read_bytes() for stages in (first, second)]
         assert timings[0] == timings[1], "taken over, not computed again"
@@ -118,25 +122,51 @@ def test_the_truth_is_of_the_room_behind_the_vase(measured):
         assert np.abs(image - view.image.numpy())[view.mask].mean() > 0.1, "the vase is gone"
         assert np.abs(image - view.image.numpy())[~view.mask].max() < 2 / 255
         assert unseen.any() and not unseen.all()
-    assert 0 < outcome(outcomes, "full").depth_error < 0.5
+    assert 0 < outcome(outcomes, "full").figures["depth_error"] < 0.5
 
 
 def test_the_table_has_a_row_for_each_trial(measured):
     *_, outcomes = measured
-    priors = {"exemplar": ExemplarPrior(), "classical": ClassicalPrior(), "sd-inpainting": "no weights"}
-    table = page.table("title", TRIALS, outcomes, 1, priors)
+    figures = {trial: found.figures for trial, found in outcomes.items()}
+    better = {
+        trial: Figures(**{**found, "psnr_masked": found["psnr_masked"] + 1})
+        for trial, found in figures.items()
+    }
+    table = page.table("title", TRIALS, {("rug", 0): figures, ("rug", 1): better}, TRIALS["full"])
     assert [row[0] for row in table.rows] == [*list(TRIALS)[:-1], "missing: not measured"]
-    assert all(len(row) == len(table.columns) == 1 + len(page.COLUMNS) for row in table.rows)
+    assert all(
+        len(row) == len(table.columns) == 1 + len(page.COLUMNS) + len(page.PAIRED) for row in table.rows
+    )
     assert set(table.rows[-1][1:]) == {"–"}
-    assert all(re.fullmatch(r"\d+\.?\d*", cell) for row in table.rows[:-1] for cell in row[1:])
+    assert table.rows[0][-3:] == ["0", "0", "0"]
+    change = figures[TRIALS["classical"]]["psnr_masked"] - figures[TRIALS["full"]]["psnr_masked"]
+    assert table.rows[3][-3] == f"{change:+.2f} ± 0.00", "the captures differ, the difference does not"
+    assert all(re.fullmatch(r"\d+\.?\d* ± \d+\.?\d*", cell) for row in table.rows[:-1] for cell in row[1:-3])
 
 
-def test_the_picture_shows_every_trial(measured, monkeypatch, tmp_path):
+def test_what_was_measured_is_not_measured_again(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
-    scene, _, truth, outcomes = measured
-    monkeypatch.setattr(page, "GROUPS", {"all": TRIALS})
-    page.draw(tmp_path / "ablation.png", scene, truth, outcomes)
+    trials = {name: TRIALS[name] for name in ("full", "without TG-SDS", "missing")}
+    here = cell.Cell(CAPTURES, "rug", 0, tmp_path, PRIORS)
+    found = here.figures(trials.values())
+    assert list(found) == [TRIALS["full"], TRIALS["without TG-SDS"]]
+    assert not (here.folder / "runs").exists() and here.floor > 0
+    monkeypatch.setattr(cell, "measure", None)
+    assert here.figures(trials.values()) == found
+    page.draw(tmp_path / "ablation.png", {"all": trials}, here, PRIORS)
     assert read_image(tmp_path / "ablation.png").std() > 20, "not blank"
+    shown = here.pictures(TRIALS["full"])
+    assert len(shown) == 4 and all(image.std() > 0.05 for image in shown)
+
+
+def test_figures_belong_to_the_weights_of_a_network(tmp_path):
+    """Trained further, a prior of the same name is measured again."""
+    priors = [SimpleNamespace(name="room", weights=digest) for digest in ("a1", "b2")]
+    trial = Trial(prior="room")
+    first, second = (
+        cell.Cell(CAPTURES, "rug", 0, tmp_path, {"room": each})._path(trial, "json") for each in priors
+    )
+    assert first != second and first.name == f"{trial.key}-a1.json"
 
 
 def test_mean_and_deviation_over_seeds():
@@ -144,12 +174,19 @@ def test_mean_and_deviation_over_seeds():
     assert page.cell([1.234], ".1f") == "1.2"
 
 
-def test_groups_compare_with_the_full_method():
-    for group in GROUPS.values():
-        assert FULL in group.values()
+def test_differences_have_a_sign_and_a_standard_error():
+    assert page.difference([1.0, 2.0, 3.0], ".2f") == "+2.00 ± 0.58"
+    assert page.difference([-0.5], ".1f") == "-0.5"
+
+
+@pytest.mark.parametrize("prior", ["exemplar", "sd-inpainting"])
+def test_groups_compare_with_the_full_method(prior):
+    for title, group in groups_of(prior).items():
+        assert Trial(prior=prior) in group.values()
         assert len(set(group.values())) == len(group), "no trial twice in a table"
-    components = GROUPS["Key components (paper, Table 3)"]
-    assert components["without TG-SDS"] == FULL.coarse != FULL
+        assert not title.startswith("Start") or prior != "exemplar", "patches have no inversion to compare"
+    components = groups_of(prior)["Key components (paper, Table 3)"]
+    assert components["without TG-SDS"] == Trial(prior=prior).coarse != Trial(prior=prior)
     assert components["without both"] == components["without AFP"].coarse
 
 
@@ -160,39 +197,41 @@ def test_priors_without_weights_are_a_reason(monkeypatch):
         return ClassicalPrior()
 
     monkeypatch.setattr(measure, "load_prior", load)
-    trials = [FULL, Trial(prior="powerpaint"), Trial(WARPED, prior="classical")]
-    for cuda, reason in ((False, "CUDA"), (True, "not on this machine")):
-        monkeypatch.setattr(measure.torch.cuda, "is_available", lambda cuda=cuda: cuda)
-        found = priors_of(trials)
-        assert list(found) == ["exemplar", "powerpaint", "classical"]
-        assert [name for name, prior in found.items() if isinstance(prior, str)] == ["powerpaint"]
-        assert reason in found["powerpaint"]
+    trials = [Trial(), Trial(prior="powerpaint"), Trial(WARPED, prior="classical")]
+    found = priors_of(trials)
+    assert list(found) == ["exemplar", "powerpaint", "classical"]
+    assert found["powerpaint"] == "the weights are not on this machine"
+    assert [name for name, prior in found.items() if isinstance(prior, str)] == ["powerpaint"]
 
 
 def test_page(monkeypatch, tmp_path):
     pytest.importorskip("matplotlib")
-    score = {"whole": Score(30.0, 0.9), "masked": Score(20.0, 0.8)}
 
-    def made_up(scene, trials, seeds, folder, priors):
-        image = np.zeros((4, 4, 3), np.float32)
-        truth = type("Made up", (), {"images": [], "disagreement": lambda *_: 5.0})()
-        return truth, {
-            (trial, seed): Outcome(score, 18.0, 0.5, 9.0 + seed, 4.0, 0.01, 12.0, 900, {}, image)
-            for trial in trials
-            for seed in range(seeds)
-        }
+    class MadeUp:
+        floor = 5.0
 
-    found = {"exemplar": None, "classical": None, "sd-inpainting": "no disk", "powerpaint": "no weights"}
+        def __init__(self, captures, situation, seed, folder, priors):
+            self.seed = seed
+
+        def figures(self, trials):
+            found = Figures(
+                psnr=30.0, ssim=0.9, psnr_masked=20.0, ssim_masked=0.8, coarse_psnr=18.0, coarse_contrast=0.5,
+                coarse=9.0 + self.seed, rendered=4.0, depth_error=0.01, seconds=12.0, peak_mib=900.0,
+            )  # fmt: skip
+            return {trial: found for trial in trials if trial.prior != "classical"}
+
+    found = {"exemplar": None, "classical": "no OpenCV"}
     monkeypatch.setattr(page, "priors_of", lambda trials: found)
-    monkeypatch.setattr(page, "generate", lambda room, folder: folder)
-    monkeypatch.setattr(page, "load_scene", lambda folder, hold_out: None)
-    monkeypatch.setattr(page, "measure", made_up)
+    monkeypatch.setattr(page, "Cell", MadeUp)
     monkeypatch.setattr(page, "draw", lambda *_: None)
-    tables = page.bench_ablation(tmp_path, 2)
-    assert [table.title for table in tables] == list(GROUPS)
+    captures = Captures(("rug",), seeds=2)
+    tables = page.bench_ablation(tmp_path, tmp_path / "work", captures, "exemplar")
+    assert [table.title for table in tables] == list(groups_of("exemplar"))
     text = (tmp_path / "ablation.md").read_text()
     assert "| without AFP | 30.00 ± 0.00 | 0.900 ± 0.000 | 20.00 ± 0.00 |" in text
     assert "| 18.00 ± 0.00 | 50 ± 0 | 9.50 ± 0.71 | 4.00 ± 0.00 | 1.00 ± 0.00 | 12.0 ± 0.0 |" in text
-    assert "| powerpaint: not measured | – |" in text
-    assert "**powerpaint** is not measured: no weights." in text
-    assert f"`diga3d bench ablation --seeds 2 --out {tmp_path}`" in text
+    assert "| classical, warped by DIBR: not measured | – |" in text
+    assert "**classical** is not measured: no OpenCV." in text
+    assert f"`diga3d bench ablation --prior exemplar --situations rug --seeds 2 --out {tmp_path}`" in text
+    with pytest.raises(InputError, match="figures of other settings"):
+        page.bench_ablation(tmp_path, tmp_path / "work", replace(captures, width=80), "exemplar")

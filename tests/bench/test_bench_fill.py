@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from diga3d_warp.bench.captures import Captures
 from diga3d_warp.bench.fill import measure, page
-from diga3d_warp.bench.fill.captures import Captures, Figures
 from diga3d_warp.bench.fill.cell import Cell, picture_path
+from diga3d_warp.bench.fill.figures import Figures
 from diga3d_warp.bench.fill.measure import available_priors, measure_all
 from diga3d_warp.bench.fill.methods import METHODS, PICTURED, UNCHARTED, Removal
 from diga3d_warp.bench.fill.truth import unseen_pixels

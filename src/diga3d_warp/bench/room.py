@@ -10,9 +10,10 @@ from pathlib import Path
 import torch
 
 from diga3d_warp.evaluation.metrics import Score, compare, mean_scores
+from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.pipelines.clearing import widened
 from diga3d_warp.pipelines.demo import TRUTH
-from diga3d_warp.pipelines.remove import RemoveSettings
+from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings
 from diga3d_warp.pipelines.request import EditResult
 from diga3d_warp.scene.photographs.images import read_image
 from diga3d_warp.scene.scene import Scene, View
@@ -25,6 +26,14 @@ ROOM = SyntheticScene(width=160, height=120, views=16, shadows=False, seed=0)
 HOLD_OUT = 4
 BUDGET = 12_000
 """Gaussians of the fit: as many a pixel as in the demo."""
+
+SETTINGS = RemoveSettings(
+    fit=FitSettings(iterations=600, budget=BUDGET),
+    refit=replace(REFIT, iterations=300),
+    distil=replace(DISTIL, iterations=100),
+)
+"""Fewer iterations than a removal takes by default: a quarter of the pixels, and the gaussians of the hole
+start on the filled surface."""
 
 CAPTURED = ("effects", "fit", "lift", "clear", "look-behind")
 """Stages of a removal that depend on the capture and its masks only, not on how the hole is filled."""

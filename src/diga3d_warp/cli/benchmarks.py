@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -63,9 +63,16 @@ def add_benchmarks(commands: Commands) -> None:
         "ablation",
         _ablation,
         "effect of each part of the method on a removal",
-        "Remove an object from a synthetic room, leaving out one part of the method at a time.",
+        "Remove the object of synthetic situations, leaving out one part of the method at a time. "
+        "If interrupted, it goes on where it was.",
     )
-    _add_count(ablation, "--seeds", 3, "edits of each variant, each with another seed")
+    ablation.add_argument(
+        "--prior",
+        default="exemplar",
+        metavar="PRIOR",
+        help="prior of the method: exemplar, or a network as the edits take it (default exemplar)",
+    )
+    _add_captures(ablation, ("rug", "tiles", "table-edge"), "run/bench_ablation")
     fill = _add(
         benchmarks,
         "fill",
@@ -74,24 +81,29 @@ def add_benchmarks(commands: Commands) -> None:
         "Remove the object of synthetic situations by each method, and compare with the truth. "
         "If interrupted, it goes on where it was.",
     )
-    fill.add_argument(
-        "--situations",
-        type=situations,
-        default=SITUATIONS,
-        metavar="NAME,...",
-        help=f"(default all: {','.join(SITUATIONS)})",
-    )
-    _add_count(fill, "--seeds", 3, "captures of each situation")
+    _add_captures(fill, SITUATIONS, "run/bench_fill")
     fill.add_argument(
         "--size", type=size, default=(160, 120), metavar="WxH", help="of the captures (default 160x120)"
     )
     _add_count(fill, "--views", 16, "views of a capture, every 4th held out")
-    fill.add_argument(
+
+
+def _add_captures(benchmark: argparse.ArgumentParser, usual: Sequence[str], work: str) -> None:
+    """Synthetic captures, and the folder that keeps what was measured of them."""
+    benchmark.add_argument(
+        "--situations",
+        type=situations,
+        default=usual,
+        metavar="NAME,...",
+        help=f"(default {','.join(usual)}; there are {','.join(SITUATIONS)})",
+    )
+    _add_count(benchmark, "--seeds", 3, "captures of each situation")
+    benchmark.add_argument(
         "--work",
         type=path,
-        default=Path("run/bench_fill"),
+        default=Path(work),
         metavar="DIR",
-        help="folder of captures and figures; what it holds is not measured again (default run/bench_fill)",
+        help=f"folder of captures and figures; what it holds is not measured again (default {work})",
     )
 
 
@@ -176,19 +188,20 @@ def _accuracy(out: Path, repeats: int, scene: Path | None, pipeline: bool) -> in
     return 0
 
 
-def _ablation(out: Path, seeds: int) -> int:
-    from diga3d_warp.bench.ablation.page import bench_ablation
+def _ablation(out: Path, prior: str, situations: tuple[str, ...], seeds: int, work: Path) -> int:
+    from diga3d_warp.bench.ablation.page import bench_ablation, page_name
+    from diga3d_warp.bench.captures import Captures
 
-    for table in bench_ablation(out, seeds):
+    for table in bench_ablation(out, work, Captures(situations, seeds), prior):
         print(table.text())
-    print(out / "ablation.md")
+    print(out / f"{page_name(prior)}.md")
     return 0
 
 
 def _fill(
     out: Path, situations: tuple[str, ...], seeds: int, size: tuple[int, int], views: int, work: Path
 ) -> int:
-    from diga3d_warp.bench.fill.captures import Captures
+    from diga3d_warp.bench.captures import Captures
     from diga3d_warp.bench.fill.page import bench_fill
 
     width, height = size

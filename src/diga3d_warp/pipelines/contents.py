@@ -59,9 +59,10 @@ def capture_contents(scene: Scene) -> dict[str, str]:
 
 
 def prior_settings(prior: Prior) -> dict[str, Any]:
-    """Sampling settings of a prior, and its own settings if it has any."""
+    """Sampling settings of a prior, its own settings and a digest of its weights if it has any."""
     settings: dict[str, Any] = {"name": prior.name, "own": getattr(prior, "settings", None)}
     settings["patches"] = getattr(prior, "patches", None)
+    settings["weights"] = getattr(prior, "weights", None)
     if isinstance(prior, DiffusionPrior):
         settings |= {"sampling": prior.sampling, "guidance": prior.guidance.scale}
     return settings

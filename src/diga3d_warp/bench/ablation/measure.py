@@ -2,40 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 import torch
 
 from diga3d_warp.bench.ablation.trials import Trial
-from diga3d_warp.bench.room import BUDGET, against_truth, share_stages, true_picture
+from diga3d_warp.bench.room import SETTINGS, against_truth, share_stages, true_picture
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.consistency import depth_errors, disagreement
-from diga3d_warp.evaluation.metrics import Score
-from diga3d_warp.evaluation.record import read_manifest
-from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.evaluation.record import MANIFEST, read_manifest
 from diga3d_warp.pipelines.coarse import read_fills
 from diga3d_warp.pipelines.demo import TRUTH
-from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings, remove_object
+from diga3d_warp.pipelines.remove import RemoveSettings, remove_object
 from diga3d_warp.pipelines.request import EditResult
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.priors.named import BUILT_IN, load_prior
+from diga3d_warp.priors.named import load_prior
 from diga3d_warp.priors.protocol import Prior
 from diga3d_warp.propagation.fill import Fill
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.scene import Scene
 from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_mask
-
-SETTINGS = RemoveSettings(
-    fit=FitSettings(iterations=600, budget=BUDGET),
-    refit=replace(REFIT, iterations=300),
-    distil=replace(DISTIL, iterations=100),
-)
-"""Fewer iterations than a removal takes by default: a quarter of the pixels, and the gaussians of the hole
-start on the filled surface."""
 
 COARSE = ("references", "charts", "fill", "propagate", "refit")
 """Stages that the fine stage builds on."""
@@ -45,33 +36,45 @@ EDIT = (*COARSE, "distil")
 TRUE_DEPTH = TRUTH.with_name("depth_without_object")
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
+class Figures(TypedDict):
     """Figures of one removal.
 
-    Attributes:
-        score: Of the held-out views against the room without the object, by region.
-        coarse_psnr: Of the filled views before any fit against the room without the object, in what no view
-            had seen [dB].
-        coarse_contrast: Deviation of their colours there, relative to that of the true images [1].
-        coarse: Their disagreement there [levels of 255].
-        rendered: Disagreement of the same views, rendered from the edited splat [levels of 255].
-        depth_error: Median relative depth error of those renderings in what no view had seen [1].
-        seconds: Wall time of the stages from the choice of references to the last.
-        peak_mib: Largest resident memory of the process in these stages.
-        fills: The filled views by name, RGB in [0, 1], shape (H, W, 3); grey where no fill arrived, which the
-            figures of the filled views leave out, as the fit does.
-        shown: One held-out view, rendered, RGB in [0, 1], shape (H, W, 3).
+    psnr, ssim, psnr_masked, ssim_masked: of the held-out views against the truth, over whole images and
+        within the widened masks [dB, 1].
+    coarse_psnr: of the filled views before any fit, in what no view had seen [dB].
+    coarse_contrast: deviation of their colours there, relative to that of the true images [1].
+    coarse: their disagreement there [levels of 255].
+    rendered: disagreement of the same views, rendered from the edited splat [levels of 255].
+    depth_error: median relative depth error of those renderings in what no view had seen [1].
+    seconds: wall time of the stages from the choice of references to the last.
+    peak_mib: largest resident memory of the process in these stages.
     """
 
-    score: dict[str, Score]
+    psnr: float
+    ssim: float
+    psnr_masked: float
+    ssim_masked: float
     coarse_psnr: float
     coarse_contrast: float
     coarse: float
     rendered: float
     depth_error: float
     seconds: float
-    peak_mib: int
+    peak_mib: float
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """One removal.
+
+    Attributes:
+        figures: Against the truth.
+        fills: The filled views by name, RGB in [0, 1], shape (H, W, 3); grey where no fill arrived, which the
+            figures of the filled views leave out, as the fit does.
+        shown: One held-out view, rendered, RGB in [0, 1], shape (H, W, 3).
+    """
+
+    figures: Figures
     fills: dict[str, np.ndarray]
     shown: np.ndarray
 
@@ -137,61 +140,48 @@ class Truth:
 
 
 def priors_of(trials: Iterable[Trial]) -> dict[str, Prior | str]:
-    """The priors of the trials by name; for one that cannot be measured here, a line that says why."""
+    """The priors of the trials by name; for one that cannot be loaded, a line that says why."""
     found: dict[str, Prior | str] = {}
     for name in dict.fromkeys(trial.prior for trial in trials):
-        if name in BUILT_IN or torch.cuda.is_available():
-            try:
-                found[name] = load_prior(name, task="remove", controls=("edges", "depth"))
-            except InputError as error:
-                found[name] = str(error)
-        else:
-            found[name] = "it needs a CUDA device, and its weights"
+        try:
+            found[name] = load_prior(name, task="remove", controls=("edges", "depth"))
+        except InputError as error:
+            found[name] = str(error)
     return found
 
 
 def measure(
     scene: Scene,
     trials: Iterable[Trial],
-    seeds: int,
+    seed: int,
     folder: Path,
     priors: Mapping[str, Prior | str],
     settings: RemoveSettings = SETTINGS,
-) -> tuple[Truth, dict[tuple[Trial, int], Outcome]]:
-    """Run each trial with each seed, once.
+) -> Iterator[tuple[Trial, Outcome]]:
+    """Run each trial on a capture, once.
 
-    All share the fit of the capture; those of one seed that differ in the fine stage alone share the coarse.
+    All share the fit of the capture; those that differ in the fine stage alone share the coarse one.
 
     Args:
-        scene: The synthetic room, with held-out views.
-        trials: Equal ones are run once. The first must have a prior.
-        seeds: Each trial is run with the seeds 0 to `seeds` - 1.
-        folder: Folder that receives the runs.
-        priors: From `priors_of`; trials of a prior that cannot be measured are left out.
+        scene: A synthetic capture, with held-out views.
+        trials: Equal ones are run once. Those of a prior that cannot be measured are left out.
+        seed: Seed of the edits.
+        folder: Folder that receives the runs; what it holds of an interrupted measurement is taken up.
+        priors: From `priors_of`.
         settings: Settings of all trials except their method.
-
-    Returns:
-        The ground truth of the room, and outcomes by trial and seed.
     """
-    outcomes: dict[tuple[Trial, int], Outcome] = {}
-    begun: dict[tuple[Trial, int], Run] = {}
-    captured: Run | None = None
-    for index, trial in enumerate(dict.fromkeys(trials)):
+    for trial in dict.fromkeys(trials):
         prior = priors[trial.prior]
         if isinstance(prior, str):
             continue
-        for seed in range(seeds):
-            run = Run(folder / f"{index}-{seed}", "remove", {"scene": scene.path})
-            if captured is not None:
-                share_stages(captured.folder, run.folder)
-            if (trial.coarse, seed) in begun:
-                share_stages(begun[trial.coarse, seed].folder, run.folder, COARSE)
-            result = remove_object(scene, run, replace(settings, method=trial.method), prior=prior, seed=seed)
-            captured = captured or run
-            begun.setdefault((trial.coarse, seed), run)
-            outcomes[trial, seed] = outcome_of(scene, result, settings, Truth.of(scene, run))
-    assert captured is not None, "some trial has a prior without weights"
-    return Truth.of(scene, captured), outcomes
+        runs = folder / trial.key
+        run = Run(runs, "remove", {"scene": scene.path}, resume=(runs / MANIFEST).exists())
+        share_stages(folder / "captured", run.folder)
+        share_stages(folder / f"coarse-{trial.coarse.key}", run.folder, COARSE)
+        result = remove_object(scene, run, replace(settings, method=trial.method), prior=prior, seed=seed)
+        share_stages(run.folder, folder / "captured")
+        share_stages(run.folder, folder / f"coarse-{trial.coarse.key}", COARSE)
+        yield trial, outcome_of(scene, result, settings, Truth.of(scene, run))
 
 
 def final_fills(result: EditResult, scene: Scene) -> list[Fill]:
@@ -209,15 +199,22 @@ def outcome_of(scene: Scene, result: EditResult, settings: RemoveSettings, truth
         regions.append(unseen & ~missing)
     colors, depths = zip(*(_seen(result, view.camera) for view in scene.views), strict=True)
     timing = [stage for stage in read_manifest(result.run.folder)["stages"] if stage["name"] in EDIT]
-    return Outcome(
-        score=against_truth(scene, result, settings),
+    score = against_truth(scene, result, settings)
+    figures = Figures(
+        psnr=score["whole"].psnr,
+        ssim=score["whole"].ssim,
+        psnr_masked=score["masked"].psnr,
+        ssim_masked=score["masked"].ssim,
         coarse_psnr=truth.psnr(images, regions),
         coarse_contrast=truth.contrast(images, regions),
         coarse=truth.disagreement(scene, images, regions),
         rendered=truth.disagreement(scene, colors),
         depth_error=float(np.median(depth_errors(depths, truth.depths, truth.unseen))),
         seconds=sum(stage["seconds"] for stage in timing),
-        peak_mib=max(stage["peak_mib"] for stage in timing),
+        peak_mib=float(max(stage["peak_mib"] for stage in timing)),
+    )
+    return Outcome(
+        figures,
         fills={view.name: image for view, image in zip(scene.views, images, strict=True)},
         shown=_seen(result, scene.test_views[len(scene.test_views) // 2].camera)[0],
     )

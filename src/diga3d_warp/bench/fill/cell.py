@@ -12,10 +12,11 @@ import numpy as np
 import torch
 
 from diga3d_warp.bench.ablation.measure import Truth, final_fills, outcome_of
-from diga3d_warp.bench.fill.captures import Captures, Figures
+from diga3d_warp.bench.captures import Captures
+from diga3d_warp.bench.fill.figures import Figures
 from diga3d_warp.bench.fill.methods import PerView, Removal
 from diga3d_warp.bench.fill.truth import psnr_elsewhere, truth_of
-from diga3d_warp.bench.room import HOLD_OUT, share_stages, true_picture
+from diga3d_warp.bench.room import share_stages, true_picture
 from diga3d_warp.evaluation.metrics import compare, mean_scores
 from diga3d_warp.evaluation.record import MANIFEST
 from diga3d_warp.files import to_bytes, write_image, write_json
@@ -24,9 +25,7 @@ from diga3d_warp.pipelines.remove import remove_object
 from diga3d_warp.pipelines.run import Run, say
 from diga3d_warp.priors.protocol import Prior
 from diga3d_warp.propagation.references import select_references, usable_views
-from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Scene, View
-from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
 from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_state
 
@@ -74,14 +73,7 @@ class Cell:
         return self.folder / f"{method.replace(' ', '-')}.{ending}"
 
     def _measure(self, methods: Mapping[str, PerView | Removal]) -> None:
-        capture = self.folder / "capture"
-        if not capture.exists():
-            made = self.captures
-            settings = SyntheticScene(
-                made.width, made.height, made.views, shadows=False, seed=self.seed, situation=self.situation
-            )
-            generate(settings, capture)
-        scene = load_scene(capture, hold_out=HOLD_OUT)
+        scene = self.captures.load(self.situation, self.seed, self.folder / "capture")
         truth = truth_of(scene)
         shown = int(np.argmax([unseen.sum() for unseen in truth.unseen]))
         window = _window(scene.views[shown])
@@ -113,21 +105,22 @@ class Cell:
         result = remove_object(scene, run, settings, prior=prior, seed=self.seed, own=own)
         share_stages(folder, captured)
         outcome = outcome_of(scene, result, settings, truth)
+        found = outcome.figures
         view = scene.views[shown]
         left = [
             (fill.missing & unseen).sum()
             for fill, unseen in zip(final_fills(result, scene), truth.unseen, strict=True)
         ]
         figures = Figures(
-            psnr=outcome.score["masked"].psnr,
-            ssim=outcome.score["masked"].ssim,
-            unseen=_finite(outcome.coarse_psnr),
-            contrast=_finite(outcome.coarse_contrast),
+            psnr=found["psnr_masked"],
+            ssim=found["ssim_masked"],
+            unseen=_finite(found["coarse_psnr"]),
+            contrast=_finite(found["coarse_contrast"]),
             left=float(np.sum(left) / max(1, np.sum(truth.unseen))),
-            disagreement=_finite(outcome.coarse),
-            depth_error=_finite(outcome.depth_error),
+            disagreement=_finite(found["coarse"]),
+            depth_error=_finite(found["depth_error"]),
             elsewhere=psnr_elsewhere(scene, result.gaussians, result.run),
-            seconds=outcome.seconds,
+            seconds=found["seconds"],
         )
         with torch.no_grad():
             rendered = render(result.gaussians, view.camera, effects=result.run.effects).color

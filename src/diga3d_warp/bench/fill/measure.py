@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
 from pathlib import Path
 
-from diga3d_warp.bench.fill.captures import Captures, Figures
+from diga3d_warp.bench.captures import Captures
 from diga3d_warp.bench.fill.cell import Cell
+from diga3d_warp.bench.fill.figures import Figures
 from diga3d_warp.bench.fill.methods import METHODS, PerView, Removal
 from diga3d_warp.errors import InputError
-from diga3d_warp.files import read_json, write_json
 from diga3d_warp.priors.named import load_prior
 from diga3d_warp.priors.protocol import Prior
 
@@ -49,21 +48,8 @@ def measure_all(
         for name, method in methods.items()
         if not (isinstance(method, Removal) and isinstance(priors[method.prior], str))
     }
-    _hold_to(captures, folder)
+    captures.hold_to(folder)
     return {
         (situation, seed): Cell(captures, situation, seed, folder, priors).figures(wanted)
         for situation, seed in captures.cells
     }
-
-
-def _hold_to(captures: Captures, folder: Path) -> None:
-    """Refuse a folder of other settings; situations and seeds may be added."""
-    described = asdict(replace(captures, situations=(), seeds=0))
-    path = folder / "settings.json"
-    write_json(path.with_suffix(".now"), described)
-    now = read_json(path.with_suffix(".now"), "write it again")
-    path.with_suffix(".now").unlink()
-    if not path.exists():
-        write_json(path, now)
-    elif read_json(path, "delete the folder") != now:
-        raise InputError(f"{folder} holds figures of other settings: delete it, or choose another --work")

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from diga3d_warp.bench.ablation.page import cell
-from diga3d_warp.bench.fill.captures import Captures, Figures
+from diga3d_warp.bench.captures import Captures
 from diga3d_warp.bench.fill.cell import picture_path
+from diga3d_warp.bench.fill.figures import Figures
 from diga3d_warp.bench.fill.measure import available_priors, measure_all
 from diga3d_warp.bench.fill.methods import METHODS, PICTURED, Removal
 from diga3d_warp.bench.page import pictures, plot, require_plots, write_page

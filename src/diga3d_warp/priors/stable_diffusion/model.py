@@ -88,6 +88,7 @@ class StableDiffusionPrior:
         task: Its task.
         sampling: Of views, and of `fill`.
         scale: Guidance scale of both [1].
+        weights: Digest of the weights, which a run that is resumed holds to.
     """
 
     learned = True
@@ -104,8 +105,10 @@ class StableDiffusionPrior:
         task: Task = "remove",
         sampling: SamplingSettings | None = None,
         scale: float = GUIDANCE,
+        weights: str = "",
     ) -> None:
         self.name = name
+        self.weights = weights
         self.parts = parts
         self.device = torch.device(device)
         self.dtype = torch.float16 if self.device.type == "cuda" else torch.float32
