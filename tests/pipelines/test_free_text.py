@@ -18,6 +18,7 @@ from tiny_removal import SETTINGS, stage_splat
 from diga3d_warp import cli
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.perception.depth import DepthEstimator
 from diga3d_warp.pipelines.free_text import FreeText
 from diga3d_warp.pipelines.imagining import Imagined, grow
 from diga3d_warp.pipelines.method import PAPER, WARPED
@@ -233,7 +234,7 @@ def test_an_imagining_resumes_with_the_same_bytes(cube, removed, prior, tmp_path
     assert (folder / "point_cloud.ply").read_bytes() == (cube.run.folder / "point_cloud.ply").read_bytes()
 
 
-class Planar:
+class Planar(DepthEstimator):
     """Estimates the depth of a slanted plane, or nonsense."""
 
     def __init__(self, sense=1.0):

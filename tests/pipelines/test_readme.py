@@ -39,7 +39,7 @@ def test_snippet(removed: Removed, tmp_path, monkeypatch):
 def test_options_of_reading_are_refused_beside_a_scene(removed: Removed, tmp_path):
     with pytest.raises(d3.InputError, match="give them to load_scene"):
         d3.remove(removed.scene, out=tmp_path / "run", image_scale=0.5)
-    with pytest.raises(d3.InputError, match="remove does not take prompt"):
+    with pytest.raises(d3.InputError, match="remove with prior exemplar does not take prompt"):
         d3.remove(removed.scene, out=tmp_path / "run", prompt="gold")
     with pytest.raises(TypeError, match="sharpness"):
         d3.remove(removed.scene, out=tmp_path / "run", sharpness=2)

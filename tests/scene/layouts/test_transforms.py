@@ -219,6 +219,8 @@ FISHEYE = Distortion("fisheye", (0.1, 0.2, 0.3, 0.4))
         ({"is_fisheye": True, "k1": 0.1, "k2": 0.2, "k3": 0.3, "k4": 0.4}, FISHEYE, ""),
         ({"is_fisheye": 1, "p1": 0.0, "k1": 0.1, "k2": 0.2, "k3": 0.3, "k4": 0.4}, FISHEYE, ""),
         ({"is_fisheye": False, "k1": 0.1}, RADIAL, ""),
+        *(({"camera_model": name, "k1": 0.1, "k2": 0.2, "k3": 0.3, "k4": 0.4}, FISHEYE, "")
+          for name in ("SIMPLE_FISHEYE", "FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")),
         ({"camera_model": "OPENCV_FISHEYE", "k1": 0.1, "k2": 0.2, "k3": 0.3, "k4": 0.4}, FISHEYE, ""),
         ({"camera_model": "FISHEYE"}, Distortion("fisheye", (0.0, 0.0, 0.0, 0.0)), ""),
         ({"camera_model": "OPENCV", "is_fisheye": True, "k1": 0.1, "k2": 0.2, "k3": 0.3, "k4": 0.4}, FISHEYE,
