@@ -73,6 +73,16 @@ def add_benchmarks(commands: Commands) -> None:
         help="prior of the method: exemplar, or a network as the edits take it (default exemplar)",
     )
     _add_captures(ablation, ("rug", "tiles", "table-edge"), "run/bench_ablation")
+    prompts = _add(
+        benchmarks,
+        "prompts",
+        _prompts,
+        "edits by text against the generator's truth",
+        "Retexture and replace the object of synthetic situations by text with a network, and compare with "
+        "the truth. If interrupted, it goes on where it was.",
+    )
+    prompts.add_argument("--prior", required=True, metavar="PRIOR", help="a network, as the edits take it")
+    _add_captures(prompts, ("rug", "tiles", "table-edge"), "run/bench_prompts")
     fill = _add(
         benchmarks,
         "fill",
@@ -193,6 +203,16 @@ def _ablation(out: Path, prior: str, situations: tuple[str, ...], seeds: int, wo
     from diga3d_warp.bench.captures import Captures
 
     for table in bench_ablation(out, work, Captures(situations, seeds), prior):
+        print(table.text())
+    print(out / f"{page_name(prior)}.md")
+    return 0
+
+
+def _prompts(out: Path, prior: str, situations: tuple[str, ...], seeds: int, work: Path) -> int:
+    from diga3d_warp.bench.captures import Captures
+    from diga3d_warp.bench.prompts.page import bench_prompts, page_name
+
+    for table in bench_prompts(out, work, Captures(situations, seeds), prior):
         print(table.text())
     print(out / f"{page_name(prior)}.md")
     return 0
