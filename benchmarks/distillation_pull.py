@@ -1,6 +1,6 @@
-"""Where score distillation pulls a finished removal: the exemplar prior's estimates of it against the truth.
+"""Where score distillation pulls a finished removal: a prior's estimates of it against the truth.
 
-python benchmarks/distillation_pull.py run/demo --out docs/benchmarks/distillation_pull.md
+python benchmarks/distillation_pull.py run/demo --prior exemplar --out docs/benchmarks/distillation_pull.md
 
 TG-SDS moves a rendering towards what the prior takes it for, at one noise level after another. It can only
 help where that is nearer to the truth than the rendering is.
@@ -19,13 +19,17 @@ import torch
 from diga3d_warp.evaluation.record import read_manifest, run_effects
 from diga3d_warp.files import read_json, write_text
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.perception.resampling import resize_images
 from diga3d_warp.pipelines.coarse import read_fills, targets_of
 from diga3d_warp.pipelines.demo import HOLD_OUT, RUN, SCENE, TRUTH
 from diga3d_warp.pipelines.fine import guided_targets
-from diga3d_warp.priors.distillation import DistillationSettings, TextureGeometryGuide
-from diga3d_warp.priors.exemplar.prior import ExemplarPrior
+from diga3d_warp.pipelines.method import PAPER
+from diga3d_warp.priors.distillation import TextureGeometryGuide
 from diga3d_warp.priors.guidance import guided_noise
+from diga3d_warp.priors.named import load_prior
+from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.propagation.references import References
+from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.photographs.images import read_image
 from diga3d_warp.splatting.render import render
@@ -40,27 +44,34 @@ def pulled(guide: TextureGeometryGuide, image: torch.Tensor, share: float, seed:
     """What the prior takes a rendering (H, W, 3) for, once noise of one level is added, shape (H, W, 3)."""
     prior, generator = guide.prior, torch.Generator().manual_seed(seed)
     t = prior.schedule.timestep(share)
-    z = prior.encode_image(image[None])
-    known = image if guide.known is None else guide.known
-    cond = prior.conditioning(known[None], guide.mask[None])
+    shown = image[guide.window]
+    z = prior.encode_image(resize_images(shown[None], prior.native_size(*shown.shape[:2])))
+    assert guide.cond is not None, "a removal conditions on its photographs"
     noisy = prior.schedule.add_noise(z, torch.randn(z.shape, generator=generator), t)
-    noise = guided_noise(prior, noisy, t, guide.guidance, cond, guide.controls)
-    return prior.decode_latent(prior.schedule.denoise(noisy, noise, t))[0]
+    noise = guided_noise(prior, noisy, t, guide.guidance, guide.cond, guide.controls)
+    there = prior.decode_latent(prior.schedule.denoise(noisy, noise, t))
+    found = image.clone()
+    found[guide.window] = resize_images(there, shown.shape[:2])[0]
+    return found
 
 
-def cases(demo: Path) -> Iterator[tuple[TextureGeometryGuide, torch.Tensor, torch.Tensor]]:
+def cases(
+    demo: Path, prior: DiffusionPrior
+) -> Iterator[tuple[TextureGeometryGuide, torch.Tensor, torch.Tensor]]:
     """For each view with something unseen: its guide, its rendering and its truth."""
     scene, run = load_scene(demo / SCENE, hold_out=HOLD_OUT), demo / RUN
-    stages, prior = run / "stages", ExemplarPrior()
+    stages = run / "stages"
     gaussians, effects = Gaussians.load_ply(run / "point_cloud.ply"), run_effects(read_manifest(run))
     behind = [stages / "look-behind" / view.name for view in scene.views]
     masks = [read_mask(path.with_name(f"{path.name}.unseen.png")) for path in behind]
     known = [read_picture(path.with_name(f"{path.name}.png")) for path in behind]
     chosen = read_json(stages / "references" / "references.json", "run the demo again")
     references = References(chosen["indices"], np.array(chosen["cluster"]))
+    backgrounds = [Background(mask, image, ~mask) for mask, image in zip(masks, known, strict=True)]
+    fills = read_fills(stages / "fill", scene.views)
     targets = guided_targets(
-        gaussians, targets_of(scene.views, read_fills(stages / "fill", scene.views)), masks, references,
-        prior, prior.guidance, DistillationSettings(), effects, known,
+        gaussians, targets_of(scene.views, backgrounds, fills), masks, references, prior, prior.guidance,
+        PAPER, effects, known,
     )  # fmt: skip
     for view, target in zip(scene.views, targets, strict=True):
         if isinstance(target.guide, TextureGeometryGuide):
@@ -76,9 +87,9 @@ def psnr(images: list[torch.Tensor], truths: list[torch.Tensor], masks: list[tor
     return -10.0 * float(torch.cat(errors).mean().log10())
 
 
-def table(demo: Path) -> str:
+def table(demo: Path, prior: DiffusionPrior) -> str:
     """PSNR where no view saw, of the renderings and of what they are pulled towards, by noise level."""
-    found = list(cases(demo))
+    found = list(cases(demo, prior))
     guides, images, truths = ([case[k] for case in found] for k in range(3))
     masks = [guide.mask for guide in guides]
     lines = [
@@ -86,7 +97,7 @@ def table(demo: Path) -> str:
         "",
         f"`{' '.join(__doc__.split(chr(10))[2].split())}`",
         "",
-        f"The removal of `make demo`, {len(found)} views, exemplar prior under texture and depth of the",
+        f"The removal of `make demo`, {len(found)} views, prior {prior.name} under texture and depth of the",
         "references. PSNR where no view saw what is behind the object, against the room without it [dB].",
         f"The renderings have {psnr(images, truths, masks):.2f} dB.",
         "",
@@ -94,7 +105,6 @@ def table(demo: Path) -> str:
         "|---:|---:|---:|",
     ]
     for share in SHARES:
-        prior = guides[0].prior
         alpha = prior.schedule.alpha(prior.schedule.timestep(share))
         there = [pulled(guide, image, share, 0) for guide, image in zip(guides, images, strict=True)]
         noise = ((1.0 - alpha) / alpha) ** 0.5
@@ -106,9 +116,12 @@ def main() -> None:
     """Print the table, and write it where asked."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("demo", type=Path, help="folder that `make demo` filled")
+    parser.add_argument("--prior", default="exemplar", help="exemplar, or a network as the edits take it")
     parser.add_argument("--out", type=Path, help="Markdown file for the table")
     options = parser.parse_args()
-    text = table(options.demo)
+    prior = load_prior(options.prior, controls=("edges", "depth"))
+    assert isinstance(prior, DiffusionPrior), "others estimate no noise"
+    text = table(options.demo, prior)
     print(text)
     if options.out is not None:
         write_text(options.out, text)

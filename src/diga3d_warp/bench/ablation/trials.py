@@ -93,7 +93,7 @@ def groups_of(prior: str) -> Groups:
             "inverted fill, references sampled once more": but(inversion="fill", resampled=True),
         }
         tables["Attention to the references"] = {
-            "mean of K (Eq. 4, usual)": full,
+            "mean of K references (paper, usual)": full,
             "one softmax over all": but(afp_joined=True),
         }
     others = {
