@@ -10,7 +10,7 @@ import torch
 from diga3d_warp.priors.conditioning import Guidance
 from diga3d_warp.priors.schedule import Schedule
 from diga3d_warp.priors.settings import SamplingSettings
-from diga3d_warp.priors.stable_diffusion.model import Parts, StableDiffusionPrior
+from diga3d_warp.priors.stable_diffusion.model import Networks, Parts, StableDiffusionPrior
 from diga3d_warp.priors.stable_diffusion.text import TextEncoder
 from diga3d_warp.priors.views import inpaint_views
 from training.autoencoder import Encoder
@@ -34,15 +34,16 @@ def as_prior(denoiser: Any, tokenizer: Any, encoder: Encoder, schedule: Schedule
     Args:
         denoiser: UNet and text encoder.
         tokenizer, encoder, schedule: Those that it was trained with.
-        options: Of `Parts`.
+        options: Of `Networks`.
     """
+    networks = Networks(unet=denoiser.unet, vae=encoder.model, **options)
     parts = Parts(
-        unet=denoiser.unet,
-        vae=encoder.model,
         text=TextEncoder(tokenizer, denoiser.text),
         schedule=schedule,
+        mask_aware=True,
+        open=lambda: networks,
         prediction="v_prediction",
-        **options,
+        control_kinds=tuple(networks.controlnets),
     )
     return StableDiffusionPrior("room", parts)
 
