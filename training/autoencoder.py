@@ -121,6 +121,11 @@ def contact_sheet(images: torch.Tensor, columns: int) -> np.ndarray:
     return rows.reshape(count // columns * height, columns * width, 3).numpy()
 
 
+FROZEN = "autoencoder-frozen.ckpt"
+"""The autoencoder that samples are encoded with. To encode them with one that was trained further, delete
+this file and the folder `latents` beside it."""
+
+
 class Encoder:
     """The autoencoder that a denoiser is trained with: from then on it stays as it is.
 
@@ -138,7 +143,7 @@ class Encoder:
         Raises:
             InputError: it is not trained yet, or its checkpoint is broken.
         """
-        path, kept = work / "autoencoder.ckpt", work / "autoencoder-frozen.ckpt"
+        path, kept = work / "autoencoder.ckpt", work / FROZEN
         model = build_autoencoder(recipe.autoencoder)
         if not kept.exists():
             if not path.exists():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from numpy.random import Generator
 from tqdm import tqdm
 
 from diga3d_warp.perception.edges import canny_edges
-from training.autoencoder import Encoder
+from training.autoencoder import FROZEN, Encoder
 from training.recipe import VERSION, Recipe
 from training.samples import as_seen, free_form, grown
 from training.store import Layout, Store
@@ -38,8 +39,13 @@ def layout(recipe: Recipe) -> Layout:
 
 
 def open_latents(work: Path, recipe: Recipe) -> Store:
-    """The store of encoded samples."""
-    return Store(work / "latents", layout(recipe), VERSION)
+    """The store of encoded samples.
+
+    Raises:
+        InputError: they were encoded by another autoencoder.
+    """
+    encoded_by = zlib.crc32((work / FROZEN).read_bytes())
+    return Store(work / "latents", layout(recipe), f"{VERSION}, autoencoder {encoded_by:08x}")
 
 
 def encode_samples(work: Path, recipe: Recipe, count: int) -> None:

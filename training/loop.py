@@ -86,7 +86,7 @@ class Training:
         Args:
             steps: Number of the last step.
             every: Time between two checkpoints [s].
-            shown: Time between two pictures [s].
+            shown: Processor time between two pictures [s].
             progress: Show a progress bar.
 
         Raises:
@@ -96,7 +96,7 @@ class Training:
             raise InputError(f"there is nothing to train the {self.lesson.name} on: make its data first")
         quiet = not progress or self.workers.rank > 0
         bar = tqdm(initial=self.step, total=steps, desc=self.lesson.name, unit="step", disable=quiet)
-        saved = pictured = time.monotonic()
+        saved, pictured = time.monotonic(), time.process_time()
         losses: list[float] = []
         recent: list[Mapping[str, float]] = []
         while self.step < steps:
@@ -114,9 +114,9 @@ class Training:
                 bar.set_postfix({key: f"{value:.4f}" for key, value in means.items()})
                 self.save(means)
                 saved, recent = time.monotonic(), []
-                if time.monotonic() - pictured > shown:
+                if time.process_time() - pictured > shown:
                     self._show()
-                    pictured = time.monotonic()
+                    pictured = time.process_time()
         bar.close()
         return losses
 

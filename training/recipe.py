@@ -246,7 +246,7 @@ class Recipe:
         denoiser, control: The networks, and their training.
         schedule: How far each stage goes.
         every: Time between two checkpoints [s].
-        shown: Time between two pictures [s]; those of the denoiser take half a minute.
+        shown: Processor time between two pictures [s]; those of the denoiser take half a minute.
     """
 
     seed: int = 0

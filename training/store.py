@@ -33,7 +33,7 @@ class Store:
         InputError: the folder holds records of another layout or version.
     """
 
-    def __init__(self, folder: Path, layout: Layout, version: int) -> None:
+    def __init__(self, folder: Path, layout: Layout, version: int | str) -> None:
         self.folder, self.layout = folder, layout
         folder.mkdir(parents=True, exist_ok=True)
         described = {"version": version, "layout": {k: [list(s), t] for k, (s, t) in layout.items()}}
@@ -42,7 +42,8 @@ class Store:
             present = json.loads(about.read_text())
             if present != described:
                 raise InputError(
-                    f"{folder} was made by another version of the recipe: give another --work folder"
+                    f"{folder} was made by version {present['version']} of the recipe, not {version}: "
+                    "delete it, or give another --work folder"
                 )
         else:
             _write_whole(about, json.dumps(described))

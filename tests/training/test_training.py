@@ -1,14 +1,15 @@
 """The training of the room prior: it goes on exactly where it was stopped, and refuses what is broken."""
 
 import json
+import shutil
 from functools import partial
 
 import numpy as np
 import pytest
 import torch
 from lessons import RUN, TINY, WORDS, made_up_windows
-from training.autoencoder import AutoencoderLesson, DecoderLesson, Encoder
-from training.checkpoint import load_checkpoint
+from training.autoencoder import FROZEN, AutoencoderLesson, DecoderLesson, Encoder
+from training.checkpoint import load_checkpoint, save_checkpoint
 from training.controls import open_controls
 from training.denoiser import open_denoiser
 from training.export import export
@@ -142,7 +143,7 @@ def test_a_record_that_was_cut_short_is_written_again(tmp_path):
     assert len(store.rows) == 1
     store.append([{"n": 1}], {"number": np.array([[3, 4]])})
     assert Store(tmp_path, layout, 1).array("number").tolist() == [[1, 2], [3, 4]]
-    with pytest.raises(InputError, match="another version of the recipe"):
+    with pytest.raises(InputError, match="version 1 of the recipe, not 2"):
         Store(tmp_path, layout, 2)
 
 
@@ -155,6 +156,15 @@ def test_samples_are_masked_where_objects_stand_or_might_have(work):
     assert not np.array_equal(store.array("latent"), store.array("known"))
     assert {row["thing"] for row in store.rows} >= {None, 0}
     assert store.array("edges").any() and store.array("depth").std() > 0
+
+
+def test_samples_of_another_autoencoder_are_refused(work, tmp_path):
+    folder = tmp_path / "work"
+    shutil.copytree(work, folder)
+    state = load_checkpoint(folder / FROZEN)
+    save_checkpoint(folder / FROZEN, {**state, "scale": 2 * state["scale"]})
+    with pytest.raises(InputError, match="latents was made by version 1, autoencoder"):
+        open_denoiser(folder, TINY)
 
 
 def test_the_exported_folder_loads_as_a_prior(work, tmp_path):
