@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from training.autoencoder import FROZEN
+from training.checkpoint import load_checkpoint
 from training.latents import open_latents
 from training.recipe import VERSION, Recipe
 from training.windows import open_windows
@@ -63,8 +65,11 @@ def model_card(work: Path, recipe: Recipe, words: int) -> str:
         "| network | samples | hours | loss at first | loss at last |",
         "|---|---|---|---|---|",
     ]
+    frozen = load_checkpoint(work / FROZEN)["step"]
     for name, said in NETWORKS.items():
         curve = read_curve(work / f"{name}.jsonl")
+        if name == "autoencoder":  # it may have been trained further since
+            curve = [line for line in curve if line["step"] <= frozen]
         if curve:
             last = curve[-1]
             lines.append(

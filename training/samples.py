@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from numpy.random import Generator
 
 from diga3d_warp.perception.resampling import resize_images
@@ -33,10 +32,10 @@ def as_seen(rng: Generator, image: np.ndarray, recipe: SampleRecipe) -> tuple[to
 
 def grown(mask: torch.Tensor, pixels: int) -> torch.Tensor:
     """A mask that reaches some pixels further, shape (H, W), bool."""
-    if pixels == 0:
-        return mask
-    side = 2 * pixels + 1
-    return F.max_pool2d(mask[None, None].float(), side, 1, pixels)[0, 0] > 0
+    import cv2
+
+    square = np.ones((2 * pixels + 1,) * 2, np.uint8)
+    return torch.from_numpy(cv2.dilate(mask.numpy().astype(np.uint8), square) > 0)
 
 
 def free_form(rng: Generator, side: int) -> torch.Tensor:

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from functools import partial
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from training.latents import encode_samples, open_latents
 from training.loop import Training
 from training.store import Store
 from training.windows import open_windows
-from training.workers import run_workers
+from training.workers import Workers
 
 from diga3d_warp.errors import InputError
 
@@ -61,21 +60,30 @@ def test_a_training_that_was_killed_repeats_its_steps_although_data_was_added(tm
     assert train(AutoencoderLesson(TINY, windows), tmp_path, 4) == lost
 
 
-def test_two_processes_train_as_one_with_their_mean(tmp_path):
-    run_workers(2, partial(train_in_parts, tmp_path))
-    losses = [json.loads((tmp_path / f"{rank}.json").read_text()) for rank in (0, 1)]
-    assert losses[0] != losses[1]
-    weights = [torch.load(tmp_path / f"{rank}.pt") for rank in (0, 1)]
-    assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0])
-    assert load_checkpoint(tmp_path / "autoencoder.ckpt")["step"] == 2
+class Second(Workers):
+    """The second of two processes, without the first."""
+
+    def __init__(self):
+        super().__init__(rank=1, count=2)
+
+    def agree(self, value):
+        return 10 if value == 0 else value
+
+    def average(self, tensors):
+        for tensor in tensors:
+            tensor.zero_()
 
 
-def train_in_parts(folder, workers):
-    windows = made_up_windows(folder / str(workers.rank))
-    training = Training(AutoencoderLesson(TINY, windows), RUN, 0, folder, workers)
-    losses = training.run(2, 1e9, 1e9, progress=False)
-    (folder / f"{workers.rank}.json").write_text(json.dumps(losses))
-    torch.save(training.lesson.module.state_dict(), folder / f"{workers.rank}.pt")
+def test_another_process_draws_its_own_samples_follows_the_mean_and_writes_nothing(tmp_path):
+    windows = made_up_windows(tmp_path)
+    alone = train(AutoencoderLesson(TINY, windows), tmp_path / "alone", 1)
+    second = Training(AutoencoderLesson(TINY, windows), RUN, 0, tmp_path / "second", Second())
+    before = {name: weights.clone() for name, weights in second.lesson.module.state_dict().items()}
+    decay = 1 - RUN.decay * RUN.rate / RUN.warm_up
+    assert second.run(1, 1e9, 1e9, progress=False) != alone
+    assert not (tmp_path / "second").exists()
+    for name, weights in second.lesson.module.state_dict().items():
+        torch.testing.assert_close(weights, decay * before[name])
 
 
 def test_the_denoiser_and_its_controls_learn(work):
