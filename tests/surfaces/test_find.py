@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -15,7 +16,7 @@ from diga3d_warp.surfaces.find import find_charts
 from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.settings import SURFACES
 from diga3d_warp.surfaces.surfels import surfels
-from diga3d_warp.surfaces.texture import refused
+from diga3d_warp.surfaces.votes import refused
 
 NO_POINTS = np.zeros((0, 3))
 
@@ -82,7 +83,7 @@ def test_gaussians_lie_on_the_surface_within_the_hole(patterned):
     (discs,) = surfels(charts, 4)
     assert 300 < len(discs) <= SURFACES.seeds
     assert float(discs.means[:, 2].abs().max()) < 0.02
-    assert float(discs.means[:, :2].norm(dim=1).max()) < 1.15 * HOLE
+    assert float(discs.means[:, :2].norm(dim=1).max()) < 1.2 * HOLE
     assert discs.sh.shape == (len(discs), 4, 3)
     (few,) = surfels(charts, 1, replace(SURFACES, seeds=50))
     assert 20 < len(few) <= 100
@@ -137,9 +138,12 @@ def test_exposure_that_drifts_leaves_no_seam(sign):
         pixels = np.clip(each.pixels.astype(np.float32) + sign * 12.0 * number, 0.0, 255.0)
         drifted.append(replace(each, pixels=pixels.astype(np.uint8)))
     (even,), (drift,) = find_charts(seen, NO_POINTS), find_charts(drifted, NO_POINTS)
-    both = even.known & drift.known
-    off = (drift.image - even.image)[both]
-    assert off.std() < 0.02
+    first, second = (compose([chart], seen[0].camera) for chart in (even, drift))
+    both = (first.alpha > 0.99) & (second.alpha > 0.99) & seen[0].clear
+    assert both.sum() > 1000
+    off = cv2.blur(np.where(both[..., None], second.image - first.image, 0.0), (9, 9))
+    inside = cv2.erode(both.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    assert off[inside].std() < 0.01
 
 
 def test_one_view_is_enough():

@@ -96,7 +96,8 @@ def _keep(path: Path, chart: Chart) -> None:
         planes |= {f"bend_{name}": np.asarray(value) for name, value in named.items()}
     write_arrays(
         path, origin=frame.origin, axes=frame.axes, low=frame.low, texel=np.array(frame.texel),
-        size=np.array(frame.size), trusted=np.array(chart.trusted), **planes,
+        size=np.array(frame.size), trusted=np.array(chart.trusted),
+        deep=np.array(chart.deep), agreed=np.array(frame.agreed), **planes,
     )  # fmt: skip
 
 
@@ -110,6 +111,8 @@ def _read(path: Path) -> Chart:
             arrays["bend_coefficients"],
         )  # fmt: skip
     frame = Frame(
-        arrays["origin"], arrays["axes"], arrays["low"], float(arrays["texel"]), (rows, columns), bend
-    )
-    return Chart(frame, **{name: arrays[name] for name in PLANES}, trusted=bool(arrays["trusted"]))
+        arrays["origin"], arrays["axes"], arrays["low"], float(arrays["texel"]), (rows, columns), bend,
+        bool(arrays["agreed"]),
+    )  # fmt: skip
+    planes = {name: arrays[name] for name in PLANES}
+    return Chart(frame, **planes, trusted=bool(arrays["trusted"]), deep=bool(arrays["deep"]))

@@ -30,7 +30,7 @@ from diga3d_warp.scene.scene import View
 from diga3d_warp.state import read_arrays, read_picture
 from diga3d_warp.surfaces.chart import Chart
 from diga3d_warp.surfaces.surfels import surfels
-from diga3d_warp.surfaces.texture import refused
+from diga3d_warp.surfaces.votes import refused
 
 SEEDS_PER_REFERENCE = 12_000
 """Most gaussians on the pixels that one reference inpainted: two thirds of the pixels of a tenth of a 504 x

@@ -17,7 +17,7 @@ from diga3d_warp.scene.scene import View
 from diga3d_warp.surfaces.chart import Chart
 from diga3d_warp.surfaces.compose import compose
 from diga3d_warp.surfaces.photo import Photo
-from diga3d_warp.surfaces.settings import SURFACES
+from diga3d_warp.surfaces.settings import AGREEMENT, SURFACES
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +72,16 @@ def chart_view(view: View, background: Background, depth: np.ndarray, charts: Se
     # The last one stands for no chart.
     trusted = np.array([*(chart.trusted for chart in charts), False])
     same = np.abs(layer.depth - depth) <= SURFACES.agree * layer.depth
-    shown = _bordered(unseen & trusted[layer.chart], layer.chart, same, ~unseen)
+    agreed = np.array([*(chart.frame.agreed for chart in charts), False])
+    same |= agreed[layer.chart] & _alike(layer.image, background.image)
+    # What was looked up behind the object by depth that is wrong is not better known than the chart.
+    doubtful = np.array([*(not chart.deep for chart in charts), False])
+    hole = unseen | (background.observed & doubtful[layer.chart])
+    shown = _bordered(hole & trusted[layer.chart], layer.chart, same, ~hole)
     if not shown.any():
         return nothing
     # Around the hole the view and the charts show the same surface: there their tones can be compared.
-    rim = rim_of(unseen) & (layer.chart >= 0) & same
+    rim = rim_of(hole) & (layer.chart >= 0) & same
     tone = tone_between(background.image, layer.image, rim, shown)
     image = background.image.astype(np.float32).copy()
     image[shown] = np.clip(layer.image + tone, 0.0, 1.0)[shown]
@@ -84,6 +89,14 @@ def chart_view(view: View, background: Background, depth: np.ndarray, charts: Se
         replace(background, unseen=unseen & ~shown, image=image, observed=background.observed | shown),
         np.where(shown, layer.depth, depth).astype(np.float32), shown,
     )  # fmt: skip
+
+
+def _alike(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Where two images (H, W, 3) are alike up to tone, shape (H, W), bool."""
+    import cv2
+
+    off = cv2.blur(one - other.astype(np.float32), (5, 5))
+    return np.abs(off).max(axis=2) <= 2.0 * AGREEMENT.tone
 
 
 def _bordered(shown: np.ndarray, chart: np.ndarray, same: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -37,13 +37,26 @@ def optics_of(camera: Camera) -> Optics:
     return _optics(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.distortion)
 
 
+def lens_of(camera: Camera) -> tuple[str, tuple[float, ...], float]:
+    """Kind, coefficients and largest radius [focal lengths] of a camera's lens."""
+    distortion = camera.distortion
+    kind = distortion.kind if distortion else "none"
+    coefficients = distortion.coefficients if distortion else (0.0, 0.0, 0.0, 0.0)
+    return kind, coefficients, _radius(kind, coefficients)
+
+
+@lru_cache(maxsize=1024)
+def _radius(kind: str, coefficients: tuple[float, ...]) -> float:
+    return min(valid_radius(kind, coefficients), NO_RADIUS_LIMIT[kind])
+
+
 @lru_cache(maxsize=64)
 def _optics(
     width: int, height: int, fx: float, fy: float, cx: float, cy: float, distortion: Distortion | None
 ) -> Optics:
     kind = distortion.kind if distortion else "none"
     coefficients = distortion.coefficients if distortion else (0.0, 0.0, 0.0, 0.0)
-    radius = min(valid_radius(kind, coefficients), NO_RADIUS_LIMIT[kind])
+    radius = _radius(kind, coefficients)
     rays = wp.empty(width * height, dtype=wp.vec2, device="cpu")
     launch(
         pixel_rays_kernel(kind), width * height,

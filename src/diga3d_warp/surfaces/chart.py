@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.splatting.placement import pixel_rays
+from diga3d_warp.splatting.placement import Pixels, pixel_rays
 from diga3d_warp.surfaces.bend import Bend
 from diga3d_warp.surfaces.planes import Plane
 from diga3d_warp.surfaces.settings import SURFACES, SurfaceSettings
@@ -35,6 +35,7 @@ class Frame:
         texel: Side of a texel [scene units].
         size: Height and width [texels].
         bend: Height of the surface over the plane; None where it is flat.
+        agreed: Whether photographs tell it from the planes beside it.
     """
 
     origin: np.ndarray
@@ -43,6 +44,7 @@ class Frame:
     texel: float
     size: tuple[int, int]
     bend: Bend | None = None
+    agreed: bool = False
 
     def height(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Height of the surface over its plane at u and v [scene units]."""
@@ -60,6 +62,14 @@ class Frame:
         local = np.stack([u, v, self.height(u, v)], axis=-1)
         return self.origin + local @ self.axes
 
+    def coarser(self, side: int) -> Frame:
+        """The same range with no more texels on the longer side."""
+        shrink = max(self.size) / side
+        if shrink <= 1.0:
+            return self
+        rows, columns = (max(int(np.ceil(length / shrink)), 1) for length in self.size)
+        return replace(self, texel=self.texel * shrink, size=(rows, columns))
+
     def coordinates(self, points: np.ndarray) -> np.ndarray:
         """u, v and distance from the plane of world positions (..., 3) [scene units]."""
         return (points - self.origin) @ self.axes.T
@@ -75,19 +85,24 @@ class Frame:
         return Plane(normal, float(normal @ self.origin), np.zeros((0, 3)))
 
     def meet(
-        self, camera: Camera, settings: SurfaceSettings = SURFACES
+        self, camera: Camera, settings: SurfaceSettings = SURFACES, at: Pixels | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Where the rays of a camera meet the surface.
 
+        Args:
+            camera: Of any lens.
+            settings: What is a grazing angle.
+            at: Some pixels instead of all.
+
         Returns:
             Column and row in the chart [texels], and z along the camera's axis [scene units], each shape
-            (H, W), float64; NaN where they do not, or at a grazing angle.
+            (H, W), float64, or that of the pixels; NaN where they do not, or at a grazing angle.
         """
-        rays = pixel_rays(camera).astype(np.float64)
+        rays = pixel_rays(camera, at).astype(np.float64)
         pose = camera.pose
-        directions = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=2) @ pose[:3, :3]
+        directions = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1) @ pose[:3, :3]
         start, along = self.coordinates(camera.center), directions @ self.axes.T
-        z = self.plane.depth(camera, settings)
+        z = self.plane.depth(camera, settings, at)
         u, v = start[0] + along[..., 0] * z, start[1] + along[..., 1] * z
         if self.bend is not None:
             for _ in range(BENDS):
@@ -113,6 +128,7 @@ class Chart:
         alpha: Occupancy in [0, 1], shape (H, W), float32: 1 where known, 0 where seen through; in the rest a
             fill decides, and before it is zero.
         trusted: Whether it may be shown in the hole; otherwise it only hides what is behind it.
+        deep: Whether the splat's depth is right on it. On a glossy floor it is not, and photographs tell.
     """
 
     frame: Frame
@@ -122,6 +138,7 @@ class Chart:
     wanted: np.ndarray
     alpha: np.ndarray
     trusted: bool = True
+    deep: bool = True
 
     def filled(self, image: np.ndarray, alpha: np.ndarray) -> Chart:
         """The chart with other colours and occupancy where they were not known."""
@@ -147,6 +164,19 @@ def frame_on(
         settings: Largest number of texels.
     """
     normal = plane.normal
+    turned = axes_on(normal, camera)
+    middle = np.median(plane.support, axis=0)
+    origin = middle - normal * (normal @ middle - plane.offset)
+    if low is None or high is None:
+        local = (plane.support - origin) @ turned.T
+        low, high = np.quantile(local[:, :2], 0.01, axis=0), np.quantile(local[:, :2], 0.99, axis=0)
+    return sized(
+        Frame(origin, turned, low, 1.0, (1, 1), plane.bend, plane.agreed), low, high, texel, settings
+    )
+
+
+def axes_on(normal: np.ndarray, camera: Camera) -> np.ndarray:
+    """Unit vectors across and down, as a camera sees a plane upright, and its normal, shape (3, 3)."""
     right, below = (axis - normal * (axis @ normal) for axis in camera.pose[:2, :3])
     # Seen from the front, both axes follow the image: a chart is not mirrored.
     if np.linalg.norm(right) > 0.5:
@@ -155,13 +185,7 @@ def frame_on(
     else:
         down = below / np.linalg.norm(below)
         across = np.cross(normal, down)
-    turned = np.stack([across, down, normal])
-    middle = np.median(plane.support, axis=0)
-    origin = middle - normal * (normal @ middle - plane.offset)
-    if low is None or high is None:
-        local = (plane.support - origin) @ turned.T
-        low, high = np.quantile(local[:, :2], 0.01, axis=0), np.quantile(local[:, :2], 0.99, axis=0)
-    return sized(Frame(origin, turned, low, 1.0, (1, 1), plane.bend), low, high, texel, settings)
+    return np.stack([across, down, normal])
 
 
 def sized(

@@ -49,6 +49,12 @@ def _widened(mask: np.ndarray, radius: int) -> np.ndarray:
     return cv2.dilate(mask.astype(np.uint8), np.ones((2 * radius + 1,) * 2, np.uint8)) > 0
 
 
+def some_of(photos: Sequence[Photo], settings: SurfaceSettings = SURFACES) -> list[Photo]:
+    """Photographs spread evenly over their order, no more than are looked at."""
+    count = min(settings.views, len(photos))
+    return [photos[int((number + 0.5) * len(photos) / count)] for number in range(count)]
+
+
 def gather(
     photos: Sequence[Photo], sparse: np.ndarray, seed: int, settings: SurfaceSettings = SURFACES
 ) -> Evidence:
@@ -61,7 +67,7 @@ def gather(
         settings: Bands and number of points.
     """
     rng = np.random.default_rng(seed)
-    shown = [photo for photo in photos if photo.unseen.any()]
+    shown = some_of([photo for photo in photos if photo.unseen.any()], settings)
     parts = [Evidence(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))]
     each = max(settings.points // max(len(shown), 1), 64)
     for photo in shown:
@@ -92,14 +98,17 @@ def _of_depth(
     smooth = cv2.blur(depth, size) / np.maximum(cv2.blur(weight, size), 1e-6)
     # At a step, points of both sides would make a wall of their own.
     band = band & (depth < FARTHEST * usual) & (np.abs(smooth - depth) <= settings.agree * depth)
-    places = unprojected(smooth, photo.camera)
-    normals = np.cross(np.gradient(places, axis=0), np.gradient(places, axis=1))
     rows, columns = np.nonzero(band)
     if len(rows) > most:
         chosen = np.sort(rng.choice(len(rows), most, replace=False))
         rows, columns = rows[chosen], columns[chosen]
-    points = unprojected(depth, photo.camera)[rows, columns]
-    normals = normals[rows, columns]
+    points = unprojected(depth[rows, columns], photo.camera, (rows, columns))
+
+    def beside(down: int, right: int) -> np.ndarray:
+        at = np.clip(rows + down, 0, depth.shape[0] - 1), np.clip(columns + right, 0, depth.shape[1] - 1)
+        return unprojected(smooth[at], photo.camera, at)
+
+    normals = np.cross(beside(1, 0) - beside(-1, 0), beside(0, 1) - beside(0, -1))
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.where(length > 0.0, normals / np.maximum(length, 1e-300), 0.0)
     away = ((photo.camera.center - points) * normals).sum(axis=1) < 0.0
@@ -118,3 +127,31 @@ def _of_sparse(photo: Photo, band: np.ndarray, sparse: np.ndarray, settings: Sur
     there = band[rows, columns] & (np.abs(photo.depth[rows, columns] - z) < settings.through * z)
     points = sparse[inside][there]
     return Evidence(points, np.zeros_like(points), z[there])
+
+
+def away_from_object(
+    photos: Sequence[Photo], sparse: np.ndarray, settings: SurfaceSettings = SURFACES
+) -> Evidence:
+    """Sparse points around the hole that are not the object's, whatever the depth of the splat.
+
+    Args:
+        photos: Views with unseen pixels.
+        sparse: Positions of the sparse points [scene units], shape (N, 3).
+        settings: Width of the band.
+    """
+    shown, known, near = (np.zeros(len(sparse), int) for _ in range(3))
+    depths = np.zeros(len(sparse))
+    for photo in some_of(photos, settings):
+        place = projected(sparse, photo.camera)
+        with np.errstate(invalid="ignore"):
+            column, row = np.floor(place[:, 0]), np.floor(place[:, 1])
+            inside = (column >= 0) & (column < photo.shape[1]) & (row >= 0) & (row < photo.shape[0])
+            inside &= place[:, 2] > photo.camera.near
+        rows, columns = row[inside].astype(int), column[inside].astype(int)
+        shown[inside] += 1
+        known[inside] += photo.known[rows, columns]
+        near[inside] += _widened(photo.unseen, photo.length(settings.sparse_band))[rows, columns]
+        depths[inside] += place[inside, 2]
+    own = (known > settings.clear_share * shown) & (near > 0)
+    points = sparse[own]
+    return Evidence(points, np.zeros_like(points), depths[own] / shown[own])

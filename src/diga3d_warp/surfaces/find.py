@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from diga3d_warp.surfaces.chart import Chart
-from diga3d_warp.surfaces.evidence import gather
+from diga3d_warp.surfaces.evidence import away_from_object, gather
 from diga3d_warp.surfaces.layout import in_front, lay_out
 from diga3d_warp.surfaces.occupancy import Occupancy, occupancy
 from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.planes import find_planes, mean_eye
 from diga3d_warp.surfaces.settings import SURFACES, SurfaceSettings
+from diga3d_warp.surfaces.sweep import agreed_planes
 from diga3d_warp.surfaces.texture import textured
 
 GAP = 5
@@ -40,10 +41,16 @@ def find_charts(
     seeing = [photo for photo in photos if photo.unseen.any()]
     if not seeing:
         return []
-    evidence = gather(seeing, sparse, seed, settings)
-    planes = find_planes(evidence, mean_eye([photo.camera for photo in seeing]), seed, settings)
+    eye = mean_eye([photo.camera for photo in seeing])
+    planes = find_planes(gather(seeing, sparse, seed, settings), eye, seed, settings)
+    few = away_from_object(seeing, sparse, settings)
+    guesses = find_planes(few, eye, seed, settings, bends=False)
+    planes = agreed_planes(planes, guesses, photos, seed, settings)
     charts = [textured(photos, frame, settings) for frame in lay_out(planes, photos, seed, settings)]
-    states = [occupancy(chart.known, chart.through, chart.wanted, seed, settings.trusted) for chart in charts]
+    states = [
+        occupancy(chart.known, chart.through, chart.wanted, seed, settings.trusted, chart.frame.agreed)
+        for chart in charts
+    ]
     surfaces = [(chart.frame, state.solid) for chart, state in zip(charts, states, strict=True)]
     hits = in_front(surfaces, seeing, settings)
     decided = [_decided(*each) for each in zip(charts, states, hits, strict=True)]

@@ -13,7 +13,7 @@ from diga3d_warp.surfaces.occupancy import occupancy
 from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.planes import Plane
 from diga3d_warp.surfaces.settings import SURFACES, SurfaceSettings
-from diga3d_warp.surfaces.texture import Votes, density_of, look
+from diga3d_warp.surfaces.votes import poll
 
 BEYOND = 0.25
 """How far a surface may go on beyond the points that it was found by [widths of these]."""
@@ -72,19 +72,13 @@ def _candidate(
     across = np.array(first.size[::-1]) * first.texel
     pad = BEYOND * across
     frame = frame_on(plane, camera, first.low - pad, first.low + across + pad, settings=settings)
-    points = frame.points
-    votes, finest = Votes(frame.size, settings), np.zeros(frame.size)
-    for photo in photos:
-        density = density_of(frame, points, photo.camera, settings)
-        view = look(photo, points, settings, frame.axes[2])
-        votes.add(view, density > 0.0)
-        finest = np.maximum(finest, np.where(view.unseen | view.known, density, 0.0))
-    known, through = votes.occupied, votes.through
+    polled = poll(photos, frame, settings)
+    known, through = polled.occupied, polled.through
     if not known.any():
         return None
-    wanted = votes.unseen & ~known & ~through
-    solid = occupancy(known, through, wanted, seed, settings.trusted).solid
-    return Candidate(frame, solid, finest)
+    wanted = polled.unseen & ~known & ~through
+    solid = occupancy(known, through, wanted, seed, settings.trusted, frame.agreed).solid
+    return Candidate(frame, solid, polled.finest)
 
 
 def in_front(
@@ -109,7 +103,7 @@ def in_front(
         number = np.full(len(rows), -1)
         places = np.zeros((len(rows), 2), int)
         for k, (frame, solid) in enumerate(surfaces):
-            column, row, z = (each[rows, columns] for each in frame.meet(photo.camera, settings))
+            column, row, z = frame.meet(photo.camera, settings, (rows, columns))
             with np.errstate(invalid="ignore"):
                 inside = (column > -0.5) & (column < frame.size[1] - 0.5)
                 inside &= (row > -0.5) & (row < frame.size[0] - 0.5)

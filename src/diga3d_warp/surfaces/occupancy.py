@@ -53,8 +53,9 @@ class Occupancy(NamedTuple):
 
 
 def occupancy(
-    known: np.ndarray, through: np.ndarray, wanted: np.ndarray, seed: int, trusted: float = 0.0
-) -> Occupancy:
+    known: np.ndarray, through: np.ndarray, wanted: np.ndarray, seed: int, trusted: float = 0.0,
+    agreed: bool = False,
+) -> Occupancy:  # fmt: skip
     """Occupancy of a chart with its unknown part decided.
 
     Args:
@@ -64,6 +65,7 @@ def occupancy(
         seed: Of random lines.
         trusted: Least share of surface in what is told around the unknown, and around each part of it [1],
             where no lines explain it. With less it is left alone.
+        agreed: Whether photographs agree on the surface: it is there, and only its parts are judged.
 
     Returns:
         `known`, and where the rest is taken for surface. Nothing is without a known part.
@@ -76,7 +78,7 @@ def occupancy(
     if found is not None:
         return Occupancy(known | (found & ~through), True)
     told = (known | through) & _near(wanted)
-    if known[told].sum() < trusted * told.sum():
+    if not agreed and known[told].sum() < trusted * told.sum():
         return Occupancy(known.copy(), False)
     inside = _smoothly(known, through) & ~through & ~known
     return Occupancy(known | _borne_out(inside, known, through, trusted), True)

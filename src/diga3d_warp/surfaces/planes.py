@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from diga3d_warp.scene.camera import Camera
-from diga3d_warp.splatting.placement import pixel_rays
+from diga3d_warp.splatting.placement import Pixels, pixel_rays
 from diga3d_warp.surfaces.bend import Bend, fit_bend
 from diga3d_warp.surfaces.evidence import Evidence
 from diga3d_warp.surfaces.settings import SURFACES, SurfaceSettings
@@ -39,30 +39,35 @@ class Plane:
         offset: Distance of the origin [scene units].
         support: Points that it was fitted to [scene units], shape (P, 3): where it is known to be.
         bend: Height of the surface over the plane; None where it is flat.
+        agreed: Whether photographs tell it from the planes beside it.
     """
 
     normal: np.ndarray
     offset: float
     support: np.ndarray
     bend: Bend | None = None
+    agreed: bool = False
 
     def distances(self, points: np.ndarray) -> np.ndarray:
         """Signed distance of points (..., 3) along the normal [scene units]: positive in front."""
         flat = points @ self.normal - self.offset
         return flat if self.bend is None else flat - self.bend.height(points)
 
-    def depth(self, camera: Camera, settings: SurfaceSettings = SURFACES) -> np.ndarray:
+    def depth(
+        self, camera: Camera, settings: SurfaceSettings = SURFACES, at: Pixels | None = None
+    ) -> np.ndarray:
         """z at which a camera's pixels meet the plane, without its bend, shape (H, W), float64.
 
+        Of some pixels only, where given.
         NaN where a ray misses it, meets it behind the camera, or at a grazing angle: there depth is not
         defined by a pixel. A camera in the plane sees nothing of it.
         """
-        rays = pixel_rays(camera).astype(np.float64)
+        rays = pixel_rays(camera, at).astype(np.float64)
         pose = camera.pose
         normal = pose[:3, :3] @ self.normal
         height = float(self.normal @ camera.center - self.offset)
         facing = rays @ normal[:2] + normal[2]
-        length = np.sqrt((rays**2).sum(axis=2) + 1.0)
+        length = np.sqrt((rays**2).sum(axis=-1) + 1.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             z = -height / facing
             seen = (np.abs(facing) >= settings.grazing * length) & (z > camera.near)
@@ -70,8 +75,9 @@ class Plane:
 
 
 def find_planes(
-    evidence: Evidence, eye: np.ndarray, seed: int, settings: SurfaceSettings = SURFACES
-) -> list[Plane]:
+    evidence: Evidence, eye: np.ndarray, seed: int, settings: SurfaceSettings = SURFACES, *,
+    bends: bool = True,
+) -> list[Plane]:  # fmt: skip
     """The planes with most points, the largest first; points of one are not looked at for the next.
 
     Args:
@@ -79,6 +85,7 @@ def find_planes(
         eye: A place in front of all surfaces, the mean camera [scene units], shape (3,).
         seed: Of the random planes.
         settings: Tolerances and trials.
+        bends: Whether to look for surfaces with a height over their plane. Few points bend by chance.
     """
     rng = np.random.default_rng(seed)
     least = max(int(settings.plane_share * len(evidence)), NEAREST)
@@ -94,7 +101,9 @@ def find_planes(
                 break
             left = left.select(~inside)
             continue
-        plane = _bent(_fitted(left, inside, eye, settings), left, settings)
+        plane = _fitted(left, inside, eye, settings)
+        if bends:
+            plane = _bent(plane, left, settings)
         near = np.abs(plane.distances(left.points)) < settings.tolerance * left.depths
         inside = _joined(left, near & (_facing(plane.normal, left) >= settings.tilt), settings)
         near = np.abs(plane.distances(left.points)) < 2.0 * settings.tolerance * left.depths

@@ -17,6 +17,10 @@ class SurfaceSettings:
             farther away than a small one. The larger of both counts.
         rim: Width of the narrow band that half of the points come from [px]: what touches the hole matters
             most, a plinth's rim no less than the lawn around it.
+        sparse_band: Width of the band from which sparse points are taken where depth is not asked [px]: they
+            are few.
+        clear_share: Least share of the photographs in which such a point lies outside the masks [1]: it is
+            not the object's.
         points: Points of all bands together, at most. A plane has three parameters; more points only cost.
         tolerance: Distance from a surface that counts as on it [ratio to the depth]. The depth of a fitted
             splat wavers by about 1 % on textured ground.
@@ -41,6 +45,7 @@ class SurfaceSettings:
         apart: Angle and distance within which two planes are one [degrees; tolerances].
         grazing: Least cosine between a plane's normal and a line of sight at which a photograph speaks of it
             [1]: at 0.1 a pixel covers ten times as much along the surface as across.
+        held: Least share of the points of a plane that it still holds after photographs have moved it [1].
         joined: Gap over which points of one surface hang together [ratio to the depth].
         curved_gain: How many more points a curved surface must hold than its plane, to be used [1].
         margin: Known surroundings that a chart keeps around what it fills [widths of that].
@@ -48,8 +53,13 @@ class SurfaceSettings:
         texels: Largest number of texels of a chart. 20 megapixels of texture would take minutes to fill and
             show in no view.
         texels_min: Least side of a chart [texels]; smaller ones hold no patch.
-        views: Most photographs that a chart looks at; those that sample it finest.
+        polled: Longer side at which photographs are asked about a chart [texels]: depth has no finer detail.
+        views: Most photographs that a chart takes colours of; those that sample it finest. Depth is taken of
+            as many.
         blended: Photographs that one texel's colour is taken of, at most.
+        toned: Texels at which tones are compared, about.
+        tone_least: Of these, how many two photographs must share.
+        tone_most: Largest change of a tone [1]: more is another surface, or light that the chart should keep.
         sharpness: Power of the sampling density by which these are weighted [1]: the finest decides, and
             another takes over without a seam.
         alpha: Alpha from which a texel is occupied [1].
@@ -61,6 +71,8 @@ class SurfaceSettings:
     band: float = 25.0
     band_share: float = 0.5
     rim: float = 8.0
+    sparse_band: float = 60.0
+    clear_share: float = 0.7
     points: int = 30_000
     tolerance: float = 0.012
     agree: float = 0.03
@@ -75,14 +87,19 @@ class SurfaceSettings:
     bordered: float = 0.5
     apart: tuple[float, float] = (5.0, 2.0)
     grazing: float = 0.1
+    held: float = 0.8
     joined: float = 0.03
     curved_gain: float = 0.25
     margin: float = 1.0
     margin_min: float = 40.0
     texels: int = 200_000
     texels_min: int = 16
+    polled: int = 256
     views: int = 24
     blended: int = 3
+    toned: int = 16_000
+    tone_least: int = 32
+    tone_most: float = 0.15
     sharpness: float = 4.0
     alpha: float = 0.5
     hidden_votes: float = 0.5
@@ -90,3 +107,73 @@ class SurfaceSettings:
 
 
 SURFACES = SurfaceSettings()
+
+
+@dataclass(frozen=True)
+class AgreementSettings:
+    """Thresholds of the agreement of photographs.
+
+    Attributes:
+        views: Photographs that are compared. More only cost: the median of a dozen is steady.
+        views_least: Photographs that must show a texel [1]: two agree by chance, and of two the median is the
+            mean.
+        window: Side of the window whose mean brightness is taken off [texels].
+        grown: Sides of the windows in which contrast is looked for, one after another [windows].
+        contrast: Mean square contrast from which a window tells something [squares of brightness in [0, 1]]:
+            that of noise of three grey levels.
+        alike_there: Share of the contrast in common from which photographs bear a surface out [1].
+        unlike: Share below which they refuse it [1]; between both, they say nothing.
+        differing: Mean square difference from which photographs refuse a surface whose depth is poor [squares
+            of brightness]: eight grey levels. Soft reflections move by less.
+        alike_least: Mean share from which photographs agree on a plane [1]: half of the can's floor, a
+            glossy one, is grout.
+        told: Least share of texels with contrast where photographs may refuse a plane [1].
+        gain: How much more alike photographs must be on a plane than beside it [1]. From one side they are
+            alike on any plane.
+        sweep: Places before and behind a surface, on the lines to the cameras' mean, at which photographs are
+            compared where depth is poor [ratio to the distance].
+        swept: Longer side at which they are [texels].
+        beside: Distance of the planes beside it [ratio to the depth].
+        side: Texels on each side of the part on which a plane is refined.
+        around: Least width of that part [reaches of the hole]: the hole itself shows nothing.
+        smallest: Least side of a photograph at the coarsest level [px].
+        levels: Sizes of the photographs from which a plane is refined, each half of the next: a plane may be
+            off by some pixels of the coarsest.
+        step: First steps [texels].
+        steps: Evaluations on each level (Nelder and Mead 1965); three parameters settle in 30 to 40.
+        rays: Pixels of each view by which the hole's place on a plane is told.
+        grazing: Least cosine between normal and line of sight of the photographs that are compared [1].
+        outside: How far outside an image the hole may lie in them [widths].
+        depth_right: Least share of the texels on which photographs agree where depth has to say the same, for
+            it to be believed where these tell nothing [1].
+        tone: Difference of brightness from the consensus up to which a photograph shows the surface [1].
+    """
+
+    views: int = 12
+    views_least: int = 3
+    window: int = 9
+    grown: tuple[float, ...] = (1.0, 2.3, 5.0)
+    contrast: float = (3.0 / 255.0) ** 2
+    alike_there: float = 0.5
+    unlike: float = 0.3
+    differing: float = (8.0 / 255.0) ** 2
+    alike_least: float = 0.4
+    told: float = 0.05
+    gain: float = 0.1
+    sweep: tuple[float, ...] = (-0.3, -0.15, 0.08, 0.15, 0.25, 0.35)
+    swept: int = 128
+    beside: float = 0.04
+    side: int = 96
+    around: float = 3.0
+    smallest: int = 32
+    levels: int = 3
+    step: float = 2.0
+    steps: int = 36
+    rays: int = 60
+    grazing: float = 0.15
+    outside: float = 0.2
+    depth_right: float = 0.6
+    tone: float = 0.06
+
+
+AGREEMENT = AgreementSettings()
