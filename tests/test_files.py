@@ -217,6 +217,22 @@ def test_lack_of_memory_is_recognised(error, said):
     assert found is None if said is None else found is not None and found.startswith(said)
 
 
+def test_lack_of_memory_is_recognised_behind_the_error_that_it_led_to():
+    """A checkpoint that torch cannot finish writing ends with an error about its archive."""
+    with pytest.raises(RuntimeError) as caught:
+        try:
+            raise MemoryError
+        except MemoryError:
+            raise RuntimeError("unexpected pos 11770816 vs 11770704")  # noqa: B904
+    assert out_of_memory(caught.value) == "not enough memory"
+    with pytest.raises(RuntimeError) as caught:
+        try:
+            raise MemoryError
+        except MemoryError:
+            raise RuntimeError("a fault of its own") from None
+    assert out_of_memory(caught.value) is None
+
+
 def test_lack_of_memory_is_recognised_as_the_libraries_say_it():
     import cv2
     import torch

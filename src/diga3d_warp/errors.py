@@ -100,13 +100,14 @@ _AMOUNT = re.compile(r"allocate (\d+) bytes|allocate ([\d.]+ [KMGT]i?B)")
 
 
 def out_of_memory(error: BaseException) -> str | None:
-    """Description of a failed allocation; None if the error is about something else."""
+    """Description of a failed allocation; None if neither the error nor one that led to it is about that."""
     if isinstance(error, InputError) or not isinstance(error, Exception):
         return None
     text = str(error)
     full = isinstance(error, OSError) and error.errno == errno.ENOMEM
     if not (full or isinstance(error, MemoryError) or _ALLOCATION.search(text)):
-        return None if error.__cause__ is None else out_of_memory(error.__cause__)
+        before = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
+        return None if before is None else out_of_memory(before)
     found = _AMOUNT.search(text)
     if found is None:
         return "not enough memory"
