@@ -22,6 +22,7 @@ RANKS = (
     {"priors"},
     {"surfaces"},
     {"propagation", "evaluation", "objects"},
+    {"shadows"},
     {"effects"},
     {"pipelines"},
     {"doctor", "bench"},

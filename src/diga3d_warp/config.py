@@ -137,6 +137,8 @@ class Effects:
         background: Blend a colour behind all gaussians.
         surround: Put a shell of gaussians behind the splat when it is written, and fit the splat so that it
             is opaque where photographs look (`gaussians.surround`). `render` does not read this.
+        shadow: Take the shadow and the mirror image of an object out with it (`shadows`). `render` does not
+            read this.
         pixel_order: As in `Accuracy`, for scenes whose large gaussians pop between views.
         deterministic: Sum the gradients of blending in a fixed order. Always so on CPU, where it is free; on
             CUDA it means one thread a tile instead of one a pixel and atomic sums.
@@ -151,5 +153,6 @@ class Effects:
     exposure: bool = False
     background: bool = True
     surround: bool = False
+    shadow: bool = False
     pixel_order: bool = False
     deterministic: bool = False

@@ -6,14 +6,16 @@ from collections.abc import Mapping
 
 from diga3d_warp.errors import InputError
 
-SWITCHES = ("lens", "antialias", "exposure", "background", "pixel_order")
+SWITCHES = ("lens", "antialias", "exposure", "background", "pixel_order", "shadow")
 """Effects that are on or off. Depth, normals and determinism follow the task, not a wish."""
 
 DEGREES = ("0", "1", "2", "3")
 
 
 def parse_overrides(text: str) -> dict[str, bool | int]:
-    """Effects by name from `name=value,...`; a switch takes on or off, `sh_degree` 0 to 3.
+    """Effects by name from `name=value,...`; a switch takes on, off or auto, `sh_degree` 0 to 3 or auto.
+
+    What is auto is left to the evidence, as what is not named.
 
     Args:
         text: As on the command line; empty for none.
@@ -28,9 +30,11 @@ def parse_overrides(text: str) -> dict[str, bool | int]:
             chosen[name] = int(value)
         elif name in SWITCHES and value in ("on", "off"):
             chosen[name] = value == "on"
+        elif value == "auto" and name in (*SWITCHES, "sh_degree"):
+            chosen.pop(name, None)
         else:
             raise InputError(
-                f"{part!r} is no effect: expected sh_degree=0|1|2|3, or on|off for {', '.join(SWITCHES)}"
+                f"{part!r} is no effect: expected sh_degree=0|1|2|3, or on|off|auto for {', '.join(SWITCHES)}"
             )
     return chosen
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import pairwise
 from typing import Any
 
@@ -75,6 +75,11 @@ class EffectsPlan:
         """The chosen effects, for `render` and `fit`."""
         return Effects(**{choice.effect: choice.value for choice in self.choices})  # type: ignore[arg-type]
 
+    def replaced(self, choice: Choice) -> EffectsPlan:
+        """The plan with a choice in place of the one for the same effect."""
+        choices = (choice if other.effect == choice.effect else other for other in self.choices)
+        return replace(self, choices=tuple(choices))
+
     def table(self) -> Table:
         """Each effect with its evidence and its cost."""
         title = " ".join(["What the scene calls for.", *self.notes])
@@ -100,6 +105,7 @@ def plan_effects(
     *,
     antialiased: bool = False,
     surrounded: bool = False,
+    takes_out: bool = False,
     overrides: Mapping[str, bool | int] | None = None,
     thresholds: Thresholds = THRESHOLDS,
 ) -> EffectsPlan:
@@ -115,6 +121,8 @@ def plan_effects(
             by the order of centres, without exposure.
         antialiased: Whether that splat was fitted with anti-aliasing.
         surrounded: Whether that splat came with a surround.
+        takes_out: Whether an object is taken out. Its shadow is then looked for once its gaussians are known,
+            see `effects.shadow`.
         overrides: Effects on which the user insists, by name; later evidence takes them into account. See
             `parse_overrides`.
         thresholds: When the evidence suffices.
@@ -168,6 +176,8 @@ def plan_effects(
         choose("surround", surrounded, said, "splat")
     else:
         choose("surround", False, _surround(scene), "default")
+    said = "looked for once the object is known" if takes_out else "no object is taken out"
+    choose("shadow", takes_out, said, "task")
     choose("deterministic", False, "sums on CPU have a fixed order without it", "task")
     order = [entry.name for entry in fields(Effects)]
     return EffectsPlan(tuple(sorted(choices, key=lambda c: order.index(c.effect))), tuple(notes))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import TypedDict
@@ -89,20 +89,35 @@ def chart_surfaces(
 
 
 def _keep(path: Path, chart: Chart) -> None:
-    frame = chart.frame
     planes = {name: getattr(chart, name) for name in PLANES}
-    if frame.bend is not None:
-        named = {field.name: getattr(frame.bend, field.name) for field in fields(Bend)}
-        planes |= {f"bend_{name}": np.asarray(value) for name, value in named.items()}
     write_arrays(
-        path, origin=frame.origin, axes=frame.axes, low=frame.low, texel=np.array(frame.texel),
-        size=np.array(frame.size), trusted=np.array(chart.trusted),
-        deep=np.array(chart.deep), agreed=np.array(frame.agreed), **planes,
+        path, trusted=np.array(chart.trusted), deep=np.array(chart.deep),
+        **frame_arrays(chart.frame), **planes,
     )  # fmt: skip
 
 
 def _read(path: Path) -> Chart:
     arrays = read_arrays(path)
+    planes = {name: arrays[name] for name in PLANES}
+    return Chart(
+        frame_of(arrays), **planes, trusted=bool(arrays["trusted"]), deep=bool(arrays["deep"])
+    )
+
+
+def frame_arrays(frame: Frame) -> dict[str, np.ndarray]:
+    """A frame as arrays of a stage's file."""
+    arrays = {
+        "origin": frame.origin, "axes": frame.axes, "low": np.asarray(frame.low),
+        "texel": np.array(frame.texel), "size": np.array(frame.size), "agreed": np.array(frame.agreed),
+    }  # fmt: skip
+    if frame.bend is not None:
+        named = {field.name: getattr(frame.bend, field.name) for field in fields(Bend)}
+        arrays |= {f"bend_{name}": np.asarray(value) for name, value in named.items()}
+    return arrays
+
+
+def frame_of(arrays: Mapping[str, np.ndarray]) -> Frame:
+    """The frame back from arrays."""
     rows, columns = arrays["size"].tolist()
     bend = None
     if "bend_reach" in arrays:
@@ -110,9 +125,7 @@ def _read(path: Path) -> Chart:
             arrays["bend_origin"], arrays["bend_axes"], float(arrays["bend_reach"]),
             arrays["bend_coefficients"],
         )  # fmt: skip
-    frame = Frame(
+    return Frame(
         arrays["origin"], arrays["axes"], arrays["low"], float(arrays["texel"]), (rows, columns), bend,
         bool(arrays["agreed"]),
     )  # fmt: skip
-    planes = {name: arrays[name] for name in PLANES}
-    return Chart(frame, **planes, trusted=bool(arrays["trusted"]), deep=bool(arrays["deep"]))

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.files import write_array, write_image, write_json
+from diga3d_warp.files import to_bytes, write_array, write_image, write_json
 from diga3d_warp.gaussians.lift import LiftSettings, lies_elsewhere, object_mask, object_rows, vote
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines.run import Run
@@ -18,6 +18,8 @@ from diga3d_warp.pipelines.stages import GAUSSIANS, LIFT
 from diga3d_warp.propagation.unseen import Background, observe_behind
 from diga3d_warp.scene.photographs.names import listed
 from diga3d_warp.scene.scene import Scene, View
+from diga3d_warp.shadows.find import Shadow
+from diga3d_warp.shadows.relight import relit_gaussians, relit_view, shaded_in
 from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_array, read_mask, read_picture, read_plane
 
@@ -117,9 +119,9 @@ def read_masks(folder: Path, views: Sequence[View]) -> Masks:
 
 def clear_object(
     run: Run, views: Sequence[View], edit_masks: Masks, source: Gaussians, rows: torch.Tensor,
-    settings: LiftSettings,
+    settings: LiftSettings, shadow: Shadow | None = None,
 ) -> Cleared:  # fmt: skip
-    """Delete the object's gaussians.
+    """Delete the object's gaussians, and take its shadow from the others.
 
     Args:
         run: Run folder that receives the stage.
@@ -128,14 +130,19 @@ def clear_object(
         source: N gaussians.
         rows: Those of the object, shape (N,).
         settings: Which of the others may change.
+        shadow: Of the object; None if it casts none.
     """
 
     def compute(folder: Path) -> None:
         left = source.select(~rows)
         masks = [edit_masks[view.name] for view in views]
         near = vote(left, [view.camera for view in views], masks, run.effects)
+        free = near.share > settings.free_share
+        if shadow is not None:
+            left, relit = relit_gaussians(left, shadow)
+            free |= relit
         left.save_ply(folder / GAUSSIANS, antialiased=run.effects.antialias)
-        write_array(folder / "free.npy", near.share > settings.free_share)
+        write_array(folder / "free.npy", free)
         write_json(folder / "counts.json", {"object": int(rows.sum()), "left": int((~rows).sum())})
 
     folder = run.stage("clear", compute)
@@ -143,22 +150,59 @@ def clear_object(
     return Cleared(Gaussians.load_ply(folder / GAUSSIANS, every_row=True), free)
 
 
+@dataclass(frozen=True, eq=False)
+class Behind:
+    """What is known behind the object.
+
+    Attributes:
+        views: Training views, in full light where the object's shadow was.
+        backgrounds: What other views observed behind the object, one per view.
+        depths: z of the cleared scene, one per view [scene units], shape (H, W); 0 where it shows nothing.
+        changed: Masks of all that is edited, of training and other views.
+        masks: The stage that made these.
+    """
+
+    views: list[View]
+    backgrounds: list[Background]
+    depths: list[np.ndarray]
+    changed: Masks
+    masks: str
+
+
 def look_behind(
-    run: Run, views: Sequence[View], edit_masks: Masks, cleared: Cleared
-) -> tuple[list[Background], list[np.ndarray]]:
-    """Background that other views observed behind the object, and depth of the cleared scene, per view."""
-    masks = [edit_masks[view.name] for view in views]
+    run: Run, views: Sequence[View], edit_masks: Masks, cleared: Cleared, others: Sequence[View] = (),
+    shadow: Shadow | None = None,
+) -> Behind:  # fmt: skip
+    """Background that other views observed behind the object, and depth of the cleared scene, per view.
+
+    Args:
+        run: Run folder that receives the stage.
+        views: Training views.
+        edit_masks: Of these and the others.
+        cleared: The scene without the object.
+        others: Held-out views; only their masks are extended by the shadow.
+        shadow: Of the object; None if it casts none.
+    """
 
     def compute(folder: Path) -> None:
-        depths, alphas = [], []
-        with_depth = replace(run.effects, depth=True)
-        for view in views:
+        depths, alphas, lit, masks = [], [], [], []
+        for view in [*views, *others]:
             with torch.no_grad():
-                rendering = render(cleared.gaussians, view.camera, effects=with_depth)
+                rendering = render(cleared.gaussians, view.camera, effects=replace(run.effects, depth=True))
             depths.append(rendering.depth.numpy())
             alphas.append(rendering.alpha.numpy())
-        backgrounds = observe_behind(views, masks, depths, alphas)
-        for view, background, depth, alpha in zip(views, backgrounds, depths, alphas, strict=True):
+            mask = edit_masks[view.name]
+            if shadow is not None:
+                shaded = shaded_in(view, depths[-1], shadow)
+                view, mask = relit_view(view, shaded), mask | shaded.black
+                write_image(folder / "masks" / f"{view.name}.png", mask | shaded.where)
+                write_image(folder / f"{view.name}.mask.png", mask)
+                write_image(folder / f"{view.name}.relit.png", view.pixels)
+            lit.append(view)
+            masks.append(mask)
+        count = len(views)
+        backgrounds = observe_behind(lit[:count], masks[:count], depths[:count], alphas[:count])
+        for view, background, depth, alpha in zip(lit, backgrounds, depths, alphas, strict=False):
             write_image(folder / f"{view.name}.png", background.image)
             write_image(folder / f"{view.name}.unseen.png", background.unseen)
             if background.alpha is not None:
@@ -167,14 +211,22 @@ def look_behind(
             write_array(folder / f"{view.name}.depth.npy", surface)
 
     folder = run.stage("look-behind", compute)
-    backgrounds, depths = [], []
-    for view, mask in zip(views, masks, strict=True):
+    lit, backgrounds, depths = [], [], []
+    for view in views:
+        mask = edit_masks[view.name]
+        if shadow is not None:
+            mask = read_mask(folder / f"{view.name}.mask.png")
+            view = replace(view, pixels=to_bytes(read_picture(folder / f"{view.name}.relit.png")))
+        lit.append(view)
         unseen = read_mask(folder / f"{view.name}.unseen.png")
         image = read_picture(folder / f"{view.name}.png")
         alpha = None if view.alpha is None else read_plane(folder / f"{view.name}.alpha.png")
         backgrounds.append(Background(unseen, image, mask & ~unseen, alpha))
         depths.append(read_array(folder / f"{view.name}.depth.npy"))
-    return backgrounds, depths
+    if shadow is None:
+        return Behind(lit, backgrounds, depths, edit_masks, LIFT)
+    changed = read_masks(folder / "masks", [*views, *others])
+    return Behind(lit, backgrounds, depths, changed, "look-behind")
 
 
 def widened(mask: np.ndarray, settings: MaskSettings) -> np.ndarray:

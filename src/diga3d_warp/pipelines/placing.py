@@ -105,7 +105,8 @@ class _Stand:
 
 def place_object(
     run: Run, views: Sequence[View], others: Sequence[View], edit_masks: clearing.Masks,
-    sights: Sequence[Sight], cleared: Gaussians, asset: Asset, settings: PlacingSettings,
+    changed: clearing.Masks, sights: Sequence[Sight], cleared: Gaussians, asset: Asset,
+    settings: PlacingSettings,
 ) -> Staged:  # fmt: skip
     """Put an asset where the old object stood, with its shadow, and draw it into every view.
 
@@ -114,6 +115,7 @@ def place_object(
         views: Training views.
         others: Held-out views; only their masks are extended by the new object.
         edit_masks: Edit masks of the old object, of both.
+        changed: Masks of all that its removal changed, of both.
         sights: The old object in the training views.
         cleared: The scene without it.
         asset: The new object.
@@ -142,7 +144,7 @@ def place_object(
         for view in [*views, *others]:
             mask = edit_masks[view.name]
             image, depth, edited, alpha = _composed(scene, placed, shadow, view, mask, stand, effects)
-            write_image(folder / "masks" / f"{view.name}.png", mask | edited)
+            write_image(folder / "masks" / f"{view.name}.png", changed[view.name] | edited)
             write_image(folder / f"{view.name}.png", image)
             write_array(folder / f"{view.name}.npy", depth)
             if effects.background:

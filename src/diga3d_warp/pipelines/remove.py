@@ -36,7 +36,7 @@ from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.perception.depth import DepthEstimator
-from diga3d_warp.pipelines import charting, clearing, coarse, fine, marking, mask_propagation, stages
+from diga3d_warp.pipelines import charting, clearing, coarse, fine, marking, mask_propagation, shading, stages
 from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.free_text import reads_free_text
@@ -139,7 +139,7 @@ def remove_object(
     stages.check_edit(scene, method.references)
     taken = take_out(scene, run, settings, prior, marks, seed, effects, own, estimator)
     stages.show_views(run, taken.scene, taken.source, taken.gaussians)
-    edited, source = stages.finish(run, taken.stage)
+    edited, source = stages.finish(run, taken.stage, taken.behind.masks)
     return EditResult(edited, run, source)
 
 
@@ -155,6 +155,7 @@ class TakenOut:
         edit_masks: Edit masks of its training and held-out views.
         references: Reference views and clusters.
         stage: The stage that made `gaussians`.
+        behind: What was known behind the object, and masks of all that was edited.
     """
 
     gaussians: Gaussians
@@ -164,6 +165,7 @@ class TakenOut:
     edit_masks: clearing.Masks
     references: References
     stage: str
+    behind: clearing.Behind
 
 
 def take_out(
@@ -176,14 +178,21 @@ def take_out(
         run.note(
             f"prior {prior.name} reads no words of the negative prompt: it steers away from the masked object"
         )
-    scene = stages.begin(run, scene, effects)
+    scene = stages.begin(run, scene, effects, takes_out=True)
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.correct_exposure(run, scene)
     object_masks = mask_propagation.propagate_masks(run, scene, source, marks, settings.lift)
     rows, edit_masks = clearing.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
-    views = scene.views
-    cleared = clearing.clear_object(run, views, edit_masks, source, rows, settings.lift)
-    backgrounds, depths = clearing.look_behind(run, views, edit_masks, cleared)
+    wish = (effects or {}).get("shadow")
+    shade = shading.find_shade(
+        run, scene, edit_masks, source, rows, settings.lift, settings.masking,
+        None if wish is None else bool(wish), seed, filled=bool(own),
+    )  # fmt: skip
+    rows, edit_masks, shadow = shade.rows, shade.edit_masks, shade.shadow
+    cleared = clearing.clear_object(run, scene.views, edit_masks, source, rows, settings.lift, shadow)
+    behind = clearing.look_behind(run, scene.views, edit_masks, cleared, scene.test_views, shadow)
+    views, backgrounds, depths = behind.views, behind.backgrounds, behind.depths
+    scene = replace(scene, views=views)
     # Charts would tell another story than references that the user filled.
     charts = (
         []
@@ -201,14 +210,14 @@ def take_out(
         seed,
     )  # fmt: skip
     if method.distillation is None:
-        return TakenOut(edited, source, rows, scene, edit_masks, references, "refit")
+        return TakenOut(edited, source, rows, scene, edit_masks, references, "refit", behind)
     assert isinstance(prior, DiffusionPrior), "check_method refuses others"
     refined = fine.distil(
         run, edited, cleared.held(len(edited)), coarse.targets_of(views, backgrounds, fills),
         unseen, references, prior, prior.guidance, method,
         scene.extent, settings.distil, seed, known=[at.image for at in backgrounds],
     )  # fmt: skip
-    return TakenOut(refined, source, rows, scene, edit_masks, references, "distil")
+    return TakenOut(refined, source, rows, scene, edit_masks, references, "distil", behind)
 
 
 def remove(

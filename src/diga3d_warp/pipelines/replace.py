@@ -146,14 +146,14 @@ def replace_object(
     sights = recolouring.look_at_object(run, taken.scene.views, taken.source, taken.rows)
     if own:
         edited = _shown(run, taken, sights, own, estimator, settings, seed)
-        made = "grow", stages.LIFT
+        made = "grow", taken.behind.masks
     elif asset is not None:
         edited = _placed(run, taken, sights, asset, settings, seed)
         made = "settle", "place"
     else:
         assert words is not None
         edited = _imagined(run, taken, sights, words, estimator, settings, seed)
-        made = "distil" if method.distillation else "grow", stages.LIFT
+        made = "distil" if method.distillation else "grow", taken.behind.masks
     stages.show_views(run, taken.scene, taken.source, edited)
     edited, source = stages.finish(run, *made)
     return EditResult(edited, run, source)
@@ -164,8 +164,8 @@ def _placed(
 ) -> Gaussians:
     """The scene with an asset in the old object's place."""
     staged = placing.place_object(
-        run, taken.scene.views, taken.scene.test_views, taken.edit_masks, sights, taken.gaussians, asset,
-        settings.placing,
+        run, taken.scene.views, taken.scene.test_views, taken.edit_masks, taken.behind.changed, sights,
+        taken.gaussians, asset, settings.placing,
     )  # fmt: skip
     return placing.settle(run, staged, taken.scene.extent, settings.settle, seed)
 

@@ -94,13 +94,16 @@ def check_edit(scene: Scene, references: int) -> None:
     check_splat(scene)
 
 
-def begin(run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = None) -> Scene:
+def begin(
+    run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = None, *, takes_out: bool = False
+) -> Scene:
     """Record the notes of the reader, plan the effects, and write cameras.json.
 
     Args:
         run: Run that receives the effects, and the plan in its manifest.
         scene: The capture.
         overrides: Effects forced on or off by the user, by name.
+        takes_out: Whether an object is taken out.
 
     Returns:
         The scene with the cameras to use, in working units, as all stages have it; `finish` and the cameras
@@ -121,8 +124,9 @@ def begin(run: Run, scene: Scene, overrides: Mapping[str, bool | int] | None = N
             given is not None and given.surround > 0,
         )
         plan = plan_effects(
-            working, splat, antialiased=antialiased, surrounded=surrounded, overrides=overrides
-        )
+            working, splat, antialiased=antialiased, surrounded=surrounded, takes_out=takes_out,
+            overrides=overrides,
+        )  # fmt: skip
         if antialiased and plan.effects.antialias:
             run.note("the splat was fitted with anti-aliasing, and is drawn with it")
         drawn = splat or initialise(thinned(working.points, PRICED_MOST))
