@@ -25,6 +25,8 @@ def choose_shadow(
         f"as much; channels differ by a factor of {evidence.hues:.2f}, views by "
         f"{100 * evidence.spread:.0f} %"
     )
+    if evidence.painted:
+        said += "; a round stain would explain it better"
     if wish is not None:
         return Choice("shadow", wish, said, "user")
     return Choice("shadow", evidence.suffices(settings), said, "scene")

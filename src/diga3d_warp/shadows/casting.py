@@ -67,6 +67,13 @@ class Caster:
         radius = int(np.clip(np.ceil(2.0 * np.median(widths[above]) / frame.texel), 1, 4))
         self._disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1,) * 2)
 
+    @property
+    def away(self) -> np.ndarray:
+        """Distance of texels from the object's foot [scene units], shape (H, W)."""
+        rows, columns = np.indices(self.frame.size)
+        column, row = self.frame.texels(*self.foot)
+        return np.hypot(rows - row, columns - column) * self.frame.texel
+
     def hidden(self, direction: np.ndarray, nearness: float = 0.0) -> np.ndarray:
         """Where the object hides a point light, shape (H, W), float32 in [0, 1].
 

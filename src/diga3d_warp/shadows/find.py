@@ -52,6 +52,7 @@ class ShadowEvidence:
         chance: The most that a shadow elsewhere explains, against this one [ratio].
         hues: Ratio of the shadow's strengths in the channel where it is strongest and weakest [1].
         spread: Spread of the darkening over views [ratio to it]; 0 where fewer than two tell.
+        painted: Whether a round stain under the object would explain it better than any light.
     """
 
     strength: float
@@ -59,6 +60,7 @@ class ShadowEvidence:
     chance: float
     hues: float
     spread: float
+    painted: bool = False
 
     def suffices(self, settings: ShadowSettings = SHADOWS) -> bool:
         """Whether this is a shadow."""
@@ -68,6 +70,7 @@ class ShadowEvidence:
             and self.explained >= settings.beyond * self.chance
             and self.hues <= settings.hues
             and self.spread <= settings.agreeing
+            and not self.painted
         )
 
 
@@ -87,7 +90,7 @@ def find_shadow(
     frame = support.frame
     opaque = solid.opacities > settings.opaque
     caster = Caster(frame, solid.points[opaque], solid.widths[opaque], support.floor)
-    near = _distance(caster) < settings.near * support.height
+    near = caster.away < settings.near * support.height
     linear = chart.image.astype(np.float32) ** np.float32(GAMMA)
     places = places_of(linear, chart.known, near, settings.places, seed)
     if len(places) < settings.texels:
@@ -107,15 +110,9 @@ def find_shadow(
         chance=first.chance,
         hues=float(hues.max() / max(float(hues.min()), 1e-3)),
         spread=_spread(photos, chart, shadow, settings),
+        painted=first.cost_painted < float(first.cost.sum()),
     )
     return shadow, evidence, chart
-
-
-def _distance(caster: Caster) -> np.ndarray:
-    """Distance of texels from the object's foot [scene units], shape (H, W)."""
-    rows, columns = np.indices(caster.frame.size)
-    column, row = caster.frame.texels(*caster.foot)
-    return np.hypot(rows - row, columns - column) * caster.frame.texel
 
 
 def _suspected(places: Places, search: LightSearch, settings: ShadowSettings) -> np.ndarray:
@@ -131,7 +128,7 @@ def _fitted(
     """The light, what it was fitted to, and the relative strength of the shadow in each channel."""
     logs, apart = places.ratios(left > settings.lit, left, seed)
     ratio = np.clip(np.exp(logs.mean(axis=1)), 0.0, 3.0)
-    away = _distance(search.caster).ravel()[places.index] / (settings.fading * support.height)
+    away = search.caster.away.ravel()[places.index] / (settings.fading * support.height)
     weight = 1.0 / (1.0 + apart / max(float(np.median(apart)), 1e-9)) / (1.0 + away**4)
     measured = Measured(places.index, places.at, ratio, weight)
     found = search.fit(measured)

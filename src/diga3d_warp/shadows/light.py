@@ -29,6 +29,13 @@ elevation changes by less than a degree."""
 OFF = 0.15
 """Scale of Cauchy's function for differences of ratios [1]: that of textures whose patches are alike."""
 
+CLOSEST, WIDEST = 0.34, 25.0
+"""Nearest and widest lamps: height of the object over that of the lamp [ratio], angular radius [degrees]. One
+right above the object has a shadow of any size, and would explain a mat."""
+
+STAINS = 16
+"""Radii of round stains that are compared with lights."""
+
 REWEIGHTINGS = 4
 
 SHIFTS, SHIFT, FELT = 8, 1.0, 0.1
@@ -80,6 +87,7 @@ class Fitted:
         ratio: Share of the light that is left, shape (H, W).
         cost: Robust cost of what is measured under the light, of all places.
         cost_without: The same under a light that the object hides nothing of.
+        cost_painted: Total cost if a round stain is around the foot of the object instead.
         chance: What a shadow of the same shape explains elsewhere on the support, against what it explains
             here [ratio]; zero where there is no other place.
     """
@@ -88,6 +96,7 @@ class Fitted:
     ratio: np.ndarray
     cost: np.ndarray
     cost_without: np.ndarray
+    cost_painted: float
     chance: float
 
 
@@ -122,7 +131,9 @@ class LightSearch:
 
         def lamp_of(numbers: np.ndarray) -> Lamp:
             azimuth, elevation, nearness, radius = numbers.tolist()
-            return Lamp(10.0 * azimuth, 10.0 * elevation, abs(nearness), abs(10.0 * radius))
+            return Lamp(
+                10.0 * azimuth, 10.0 * elevation, min(abs(nearness), CLOSEST), min(abs(10.0 * radius), WIDEST)
+            )
 
         def cost_of(numbers: np.ndarray) -> float:
             shade = self.caster.shade(lamp_of(numbers)).ravel()[measured.index]
@@ -138,7 +149,16 @@ class LightSearch:
         found = _explained(measured, np.stack([sky, shade.ravel()[measured.index]]), drift)
         light = Light(float(found.shares[0]), float(found.shares[1]), lamp)
         chance = self._chance(measured, drift, float(gains.max()))
-        return Fitted(light, self.ratio(light, shade), found.cost, without.cost, chance)
+        painted = self._painted(measured, drift)
+        return Fitted(light, self.ratio(light, shade), found.cost, without.cost, painted, chance)
+
+    def _painted(self, measured: Measured, drift: np.ndarray) -> float:
+        """Least cost of a round stain around the foot, which is as dark everywhere."""
+        away = self.caster.away.ravel()[measured.index]
+        radii = np.quantile(away, np.linspace(0.02, 0.6, STAINS))
+        return min(
+            _explained(measured, (away < radius)[None].astype(np.float32), drift).total for radius in radii
+        )
 
     def _chance(self, measured: Measured, drift: np.ndarray, here: float) -> float:
         """The upper quartile of what the trials explain at other places, over what they explain here."""

@@ -27,9 +27,15 @@ ALIKE = 8
 LIT_MOST = 3000
 """Places in the light that are searched; more of the same texture tell nothing new."""
 
-HUE, HUE_OWN, NEARBY = 1.0, 0.3, 0.1
-"""Weight of a patch's mean hue, of its hue at the middle against that mean, and of the squared distance
-[half charts], beside its contrast [log units]."""
+HUE, HUE_OWN = 1.0, 0.3
+"""Weight of a patch's mean hue, and of its hue at the middle against that mean, beside its contrast."""
+
+FAR, CLOSE = 0.2, 0.2
+"""Weight of the squared distance between places, and the distance up to which it does not count [half
+charts]: the light changes over a room, and of what is near no part is preferred, be it in the shadow."""
+
+JITTER = 0.01
+"""Noise that is added to patches [log units]: of a plain surface all are alike, and any may be compared."""
 
 BLOCK = 1000
 """Places that are compared at a time; bounds memory."""
@@ -65,11 +71,9 @@ class Places:
         Returns:
             Log ratios, shape (P, 3), and the squared distance of the patches that were compared, shape (P,).
         """
-        rows = np.flatnonzero(lit)
-        if len(rows) > LIT_MOST:
-            rows = np.sort(np.random.default_rng(seed).choice(rows, LIT_MOST, replace=False))
-        scale = np.float32(np.sqrt(NEARBY))
-        every = np.concatenate([self.patches, scale * self.at], axis=1)
+        rng = np.random.default_rng(seed)
+        rows = _some(np.flatnonzero(lit), LIT_MOST, rng)
+        every = self.patches + np.float32(JITTER) * rng.standard_normal(self.patches.shape, np.float32)
         others = every[rows]
         own = self.logs[rows] - np.log(ratio[rows])[:, None].astype(np.float32)
         squares = (others**2).sum(axis=1)
@@ -78,11 +82,18 @@ class Places:
         for first in range(0, len(self), BLOCK):
             part = slice(first, min(first + BLOCK, len(self)))
             distance = (every[part] ** 2).sum(axis=1)[:, None] + squares - 2.0 * (every[part] @ others.T)
+            distance += self._apart(part, rows)
             distance[rows[None] == np.arange(part.start, part.stop)[:, None]] = np.inf
             nearest = np.argpartition(distance, count - 1, axis=1)[:, :count]
             found[part] = np.median(self.logs[part, None] - own[nearest], axis=1)
             apart[part] = np.take_along_axis(distance, nearest, axis=1).mean(axis=1)
         return found, np.maximum(apart, 0.0)
+
+    def _apart(self, part: slice, rows: np.ndarray) -> np.ndarray:
+        """Penalty of places that are far from each other, shape (part, rows), float32."""
+        at, others = self.at[part], self.at[rows]
+        square = (at**2).sum(axis=1)[:, None] + (others**2).sum(axis=1) - 2.0 * (at @ others.T)
+        return np.float32(FAR) * np.maximum(np.sqrt(np.maximum(square, 0.0)) - CLOSE, 0.0) ** 2
 
 
 def places_of(linear: np.ndarray, known: np.ndarray, near: np.ndarray, most: int, seed: int) -> Places:

@@ -22,6 +22,10 @@ class ShadowSettings:
         waver: The same as a ratio to the distance of the cameras: the depth of a fitted splat wavers by about
             1 %.
         low: Height up to which the object's own foot is told from support around it [object heights].
+        near_floor: Height under which gaussians beside the foot are floaters over the support
+            [object heights].
+        held: Least part of the object's gaussians that are support for its masks to hold the shadow [1]. The
+            rim of a foot is a percent or two.
         reach: Surroundings of the object that are charted [object heights]: shadows of lights from 22
             degrees.
         texels: Side of that chart [texels].
@@ -56,7 +60,9 @@ class ShadowSettings:
     foot: float = 0.25
     floor: float = 0.04
     waver: float = 0.012
-    low: float = 0.35
+    low: float = 0.2
+    near_floor: float = 0.1
+    held: float = 0.05
     reach: float = 2.5
     texels: int = 200
     places: int = 5000
@@ -64,7 +70,7 @@ class ShadowSettings:
     fading: float = 2.0
     suspected: float = 0.2
     lit: float = 0.95
-    strength: float = 0.25
+    strength: float = 0.2
     explained: float = 0.45
     beyond: float = 0.65
     hues: float = 2.0

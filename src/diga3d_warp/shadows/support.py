@@ -85,17 +85,19 @@ def find_support(
 def on_floor(solid: Solid, support: Support, settings: ShadowSettings = SHADOWS) -> np.ndarray:
     """Which gaussians of an object are not its own but the support around its foot, shape (P,), bool.
 
-    Masks that hold the shadow lift to these. The object's foot is what its lower part stands over.
+    Masks that hold the shadow lift to these. The object's foot is what its lower part stands over. None if
+    they are too few to matter.
     """
     import cv2
 
     local = support.frame.coordinates(solid.points)
-    flat = np.abs(local[:, 2]) <= support.floor
+    flat = local[:, 2] <= max(support.floor, settings.near_floor * support.height)
     low = (local[:, 2] > support.floor) & (local[:, 2] < settings.low * support.height)
     low &= solid.opacities > settings.opaque
+    found = np.zeros(len(flat), bool)
     if low.sum() < 3 or not flat.any():
-        return np.zeros(len(flat), bool)
-    hull = cv2.convexHull(local[low, :2].astype(np.float32))
+        return found
+    hull = cv2.convexHull(_largest(local[low, :2], support.floor).astype(np.float32))
     middle = hull.mean(axis=0)
     margin = 2.0 * float(np.median(solid.widths[low])) + support.floor
     reach = np.linalg.norm(hull - middle, axis=2).max()
@@ -103,6 +105,19 @@ def on_floor(solid: Solid, support: Support, settings: ShadowSettings = SHADOWS)
     inside = np.array(
         [cv2.pointPolygonTest(hull, (float(u), float(v)), False) >= 0.0 for u, v in local[flat, :2]]
     )
-    found = np.zeros(len(flat), bool)
     found[np.flatnonzero(flat)[~inside]] = True
-    return found
+    return found if found.mean() >= settings.held else np.zeros_like(found)
+
+
+def _largest(places: np.ndarray, joined: float) -> np.ndarray:
+    """Places (P, 2) in the largest groups that hang together: feet, and no floaters over the shadow."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(places).query_pairs(joined, output_type="ndarray")
+    count = len(places)
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    label = connected_components(graph, directed=False)[1]
+    sizes = np.bincount(label)
+    return places[sizes[label] >= 0.5 * sizes.max()]
