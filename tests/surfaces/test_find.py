@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from tabletop import EYES, HOLE, camera_at, checks, photo, photos, truth
 
 from diga3d_warp.priors.classical import ClassicalPrior
 from diga3d_warp.surfaces.chart import Chart
@@ -17,6 +16,7 @@ from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.settings import SURFACES
 from diga3d_warp.surfaces.surfels import surfels
 from diga3d_warp.surfaces.votes import refused
+from tabletop import EYES, HOLE, camera_at, checks, photo, photos, truth
 
 NO_POINTS = np.zeros((0, 3))
 

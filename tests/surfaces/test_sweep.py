@@ -5,7 +5,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from tabletop import EYES, HOLE, camera_at, photos, truth
 
 from diga3d_warp.priors.classical import ClassicalPrior
 from diga3d_warp.surfaces.agreement import agreement
@@ -16,6 +15,7 @@ from diga3d_warp.surfaces.find import find_charts
 from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.planes import Plane
 from diga3d_warp.surfaces.sweep import agreed_planes
+from tabletop import EYES, HOLE, camera_at, photos, truth
 
 ROUND = [*EYES, (1.6, -1.9, 2.2), (-1.7, -1.8, 2.0), (2.2, 0.6, 2.1), (-2.1, 0.8, 2.3)]
 FLOOR = Plane(np.array([0.0, 0.0, 1.0]), 0.0, np.zeros((0, 3)))

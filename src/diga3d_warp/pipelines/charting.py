@@ -99,9 +99,7 @@ def _keep(path: Path, chart: Chart) -> None:
 def _read(path: Path) -> Chart:
     arrays = read_arrays(path)
     planes = {name: arrays[name] for name in PLANES}
-    return Chart(
-        frame_of(arrays), **planes, trusted=bool(arrays["trusted"]), deep=bool(arrays["deep"])
-    )
+    return Chart(frame_of(arrays), **planes, trusted=bool(arrays["trusted"]), deep=bool(arrays["deep"]))
 
 
 def frame_arrays(frame: Frame) -> dict[str, np.ndarray]:

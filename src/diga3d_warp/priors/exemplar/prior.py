@@ -1,4 +1,8 @@
-"""The built-in prior: diffusion without learned weights, over the patches of given images."""
+"""The built-in prior: diffusion without learned weights, over the patches of given images.
+
+The denoiser is the mean of patches under their posterior, in closed form, as in training-free single-image
+diffusion (Qiu, Kutulakos and Lindell, CVPR 2026, arXiv 2606.04299).
+"""
 
 from __future__ import annotations
 
