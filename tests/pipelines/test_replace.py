@@ -18,7 +18,7 @@ from diga3d_warp.pipelines.run import Run
 
 QUICK = ReplaceSettings(removal=SETTINGS, settle=with_changes(SETTLE, iterations=30))
 
-REMOVAL = ["effects", "fit", "lift", "clear", "look-behind", "charts", "references", "fill"]
+REMOVAL = ["effects", "fit", "lift", "shadow", "clear", "look-behind", "charts", "references", "fill"]
 REMOVAL += ["propagate", "refit", "distil"]
 
 
