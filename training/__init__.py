@@ -7,6 +7,7 @@
     python -m training train decoder    trains the decoder further; encoded windows stay what they are
     python -m training train denoiser   the inpainting UNet with its text encoder
     python -m training train edges      a ControlNet; the other is "depth"
+    python -m training curve            a plot of the losses
     python -m training export           a folder in diffusers format
     python -m training evaluate         masked PSNR and SSIM in rooms that were never trained on
 

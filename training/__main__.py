@@ -35,6 +35,8 @@ def main(arguments: list[str] | None = None) -> int:
     report.add_argument("--windows", type=int, default=64, help="number of windows (default 64)")
     report.add_argument("--prompts", type=int, default=10, help="number of prompts (default 10)")
     report.add_argument("--pictures", type=Path, help="folder of pictures")
+    curves = stages.add_parser("curve", help="plot the losses of all networks")
+    curves.add_argument("picture", type=Path, help=".png file to write")
     chosen = parser.parse_args(arguments)
     try:
         _run(chosen)
@@ -78,6 +80,10 @@ def _run(chosen: argparse.Namespace) -> None:
         held_out, prior = open_windows(chosen.work, RECIPE.data, held_out=True), load(chosen.folder)
         print(removal(prior, held_out, chosen.windows, chosen.pictures), end="\n\n")
         print(text(prior, held_out, chosen.prompts, chosen.pictures))
+    elif chosen.stage == "curve":
+        from training.curve import draw_curves
+
+        draw_curves(chosen.work, chosen.picture)
 
 
 if __name__ == "__main__":

@@ -3,13 +3,16 @@
 import json
 import shutil
 
+import cv2
 import numpy as np
 import pytest
 import torch
 from lessons import RUN, TINY, WORDS, made_up_windows
 from training.autoencoder import FROZEN, AutoencoderLesson, DecoderLesson, Encoder
+from training.card import read_curve
 from training.checkpoint import load_checkpoint, save_checkpoint
 from training.controls import open_controls
+from training.curve import draw_curves
 from training.denoiser import open_denoiser
 from training.export import export
 from training.latents import encode_samples, open_latents
@@ -196,6 +199,15 @@ def test_the_exported_folder_loads_as_a_prior(work, tmp_path):
     assert torch.equal(filled[~mask], image[~mask]) and filled[mask].std() > 0
     with pytest.raises(InputError, match=r"never taught 'zebra', 'velvet': use its words only, a an ball"):
         prior.encode_prompts("a zebra velvet vase", "", "replace")
+
+
+def test_the_curves_are_drawn_once_for_each_step(work, tmp_path):
+    draw_curves(work, tmp_path / "curve.png")
+    assert cv2.imread(str(tmp_path / "curve.png")).std() > 10
+    (tmp_path / "denoiser.jsonl").write_text('{"step": 2}\n{"step": 4}\n{"step": 3}\n')
+    assert read_curve(tmp_path / "denoiser.jsonl") == [{"step": 2}, {"step": 3}]
+    with pytest.raises(InputError, match="train a network first"):
+        draw_curves(tmp_path / "empty", tmp_path / "curve.png")
 
 
 def test_export_replaces_only_what_it_wrote(work, tmp_path):
