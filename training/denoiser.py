@@ -106,7 +106,7 @@ class Batch:
         self.target = alpha.sqrt() * drawn - (1 - alpha).sqrt() * clean
         self.known = torch.cat([mask, known], 1)
         snr = alpha / (1 - alpha)
-        each = snr.clamp(max=recipe.denoiser.snr) / (snr + 1)
+        each = (snr.clamp(max=recipe.denoiser.snr) + 1) / (snr + 1)
         self.weights = each * torch.where(mask > 0, 1.0, recipe.denoiser.known)
         prompts = [prompt_of(rng, store.rows[row], recipe.prompts) for row in self.rows]
         self.tokens = tokenizer(

@@ -73,7 +73,7 @@ class Training:
         self.optimiser = torch.optim.AdamW(
             self.weights, lr=recipe.rate, betas=(0.9, 0.99), weight_decay=recipe.decay, fused=True
         )
-        self.step, self.seconds, self.records = 0, 0.0, 0
+        self.step, self.samples, self.seconds, self.records = 0, 0, 0.0, 0
         self.path = folder / f"{lesson.name}.ckpt"
         if self.path.exists():
             self._resume()
@@ -127,11 +127,12 @@ class Training:
             "averaged": self.averaged.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "step": self.step,
+            "samples": self.samples,
             "seconds": self.seconds,
             "records": self.records,
         }
         save_checkpoint(self.path, state)
-        line = {"step": self.step, "samples": self.step * self.recipe.batch, "seconds": self.seconds}
+        line = {"step": self.step, "samples": self.samples, "seconds": self.seconds}
         with (self.folder / f"{self.lesson.name}.jsonl").open("a") as file:
             file.write(json.dumps({**line, "records": self.records, **means}) + "\n")
 
@@ -163,6 +164,7 @@ class Training:
         torch.nn.utils.clip_grad_norm_(self.weights, self.recipe.most)
         self.optimiser.step()
         self.step += 1
+        self.samples += self.recipe.batch
         self._average()
         return {key: float(value.detach()) for key, value in losses.items()}
 
@@ -178,7 +180,8 @@ class Training:
         restore(self.lesson.module, state["module"], self.path)
         restore(self.averaged, state["averaged"], self.path)
         self.optimiser.load_state_dict(state["optimiser"])
-        self.step, self.seconds, self.records = state["step"], state["seconds"], state["records"]
+        self.step, self.samples = state["step"], state["samples"]
+        self.seconds, self.records = state["seconds"], state["records"]
         if self.lesson.refresh() < self.records:
             raise InputError(
                 f"{self.path} was trained on {self.records} records, fewer are left: bring back the data"

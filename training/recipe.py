@@ -185,7 +185,9 @@ class DenoiserRecipe:
         attention: Whether each level attends to itself and to the prompt; the middle does, too.
         head: Width of an attention head.
         groups: Of group normalisation.
-        snr: Largest weight of a noise level, as a signal-to-noise ratio (Hang et al. 2023).
+        snr: Signal-to-noise ratio from which on the weight of a noise level no longer rises (Hang et al.
+            2023, plus 1: by the ratio alone, levels that are nearly noise would hardly count, and it is there
+            that the network learns to continue the surroundings).
         known: Weight of cells outside the mask, which the network is given and only has to copy.
         run: Its training.
     """
@@ -196,7 +198,7 @@ class DenoiserRecipe:
     groups: int = 16
     snr: float = 5.0
     known: float = 0.2
-    run: RunRecipe = RunRecipe(batch=16, rate=5e-4)
+    run: RunRecipe = RunRecipe(batch=24, rate=6e-4)
 
 
 @dataclass(frozen=True)
@@ -209,7 +211,7 @@ class ControlRecipe:
     """
 
     embedding: tuple[int, ...] = (16, 32, 64, 96)
-    run: RunRecipe = RunRecipe(batch=16, rate=5e-4)
+    run: RunRecipe = RunRecipe(batch=24, rate=6e-4)
 
 
 @dataclass(frozen=True)

@@ -129,7 +129,7 @@ def add_prior(command: argparse.ArgumentParser) -> None:
         "--prior",
         default="exemplar",
         metavar="PRIOR",
-        help="prior that inpaints what no photograph shows: exemplar, classical, lama, sd-inpainting, "
+        help="prior that inpaints what no photograph shows: exemplar, classical, room, lama, sd-inpainting, "
         "powerpaint, an .onnx file of LaMa, or a folder in diffusers format (default exemplar)",
     )
     command.add_argument("--negative", default="", metavar="TEXT", help="negative prompt (default none)")
