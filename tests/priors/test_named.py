@@ -3,6 +3,7 @@
 import pytest
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.priors import named
 from diga3d_warp.priors.named import BUILT_IN, load_prior
 
 
@@ -24,3 +25,9 @@ def test_names_that_mean_no_prior(name, said):
     with pytest.raises(InputError) as caught:
         load_prior(name)
     assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_the_room_prior_where_it_is_not_trained(monkeypatch, tmp_path):
+    monkeypatch.setattr(named, "ROOM", tmp_path / "room")
+    with pytest.raises(InputError, match=r"the room prior is not in .*: train it"):
+        load_prior("room")

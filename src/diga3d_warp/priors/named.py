@@ -17,7 +17,7 @@ BUILT_IN = ("exemplar", "classical")
 """Priors that need no weights."""
 
 ROOM = Path(__file__).parents[3] / "models" / "room"
-"""The room prior, trained on synthetic rooms by `python -m training`: in the repository, not in the wheel."""
+"""The room prior, which `python -m training all ... models/room` trains on synthetic rooms."""
 
 _OTHERS = "lama, sd-inpainting, powerpaint, room, an .onnx file of LaMa, or a folder in diffusers format"
 
@@ -68,8 +68,8 @@ def load_prior(
     if name == "room":
         if not ROOM.is_dir():
             raise InputError(
-                f"the room prior is not in {ROOM}: it comes with a checkout of the repository, "
-                "give the path of its folder models/room"
+                f"the room prior is not in {ROOM}: train it in a checkout of the repository "
+                "(docs/room_prior.md), or give the folder that its training exported"
             )
         name = str(ROOM)
     if name not in PRIORS and not Path(name).expanduser().exists():
