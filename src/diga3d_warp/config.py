@@ -135,8 +135,8 @@ class Effects:
         normals: Blend normals of the gaussians' shortest axes.
         exposure: Fit an affine colour transform for each image.
         background: Blend a colour behind all gaussians.
-        surround: Put a shell of gaussians behind the splat when it is written, and fit the splat so that it
-            is opaque where photographs look (`gaussians.surround`). `render` does not read this.
+        surround: Put a shell of gaussians behind the splat, over which it is fitted, so that no view looks
+            into nothing (`gaussians.surround`). `render` does not read this.
         shadow: Take the shadow and the mirror image of an object out with it (`shadows`). `render` does not
             read this.
         pixel_order: As in `Accuracy`, for scenes whose large gaussians pop between views.

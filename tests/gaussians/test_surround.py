@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from diga3d_warp.gaussians.surround import SURROUND, sphere, surround_of
+from diga3d_warp.gaussians.fit import FitSettings, fit
+from diga3d_warp.gaussians.initialise import round_gaussians
+from diga3d_warp.gaussians.surround import SURROUND, behind_view, beyond, sphere, surround_of
+from diga3d_warp.gaussians.target import Target
 from diga3d_warp.scene.camera import Camera, look_at
 from diga3d_warp.splatting.render import render
 
@@ -69,3 +72,53 @@ def test_it_hides_nothing_of_an_opaque_splat(shell):
     alone = render(wall, camera((1.0, 0.0, 0.0))).color
     both = render(wall.joined(shell), camera((1.0, 0.0, 0.0))).color
     assert float((alone - both).abs().max()) < 2.0 / 255.0
+
+
+def empty_share(splat, target, widened: float) -> float:
+    """Share of nearly empty pixels in a view widened by some degrees."""
+    half = np.arctan(24 / 40.0) + np.radians(0.5 * widened)
+    return float((render(splat, camera(target, focal=24 / np.tan(half))).alpha < 0.5).float().mean())
+
+
+def wall(opacity: float):
+    """Grey gaussians that end where three photographs do."""
+    rng = np.random.default_rng(0)
+    places = np.c_[np.full(1500, 4.0), rng.uniform(-3.8, 3.8, 1500), rng.uniform(-2.3, 2.3, 1500)]
+    return round_gaussians(places, np.full(1500, np.log(0.12)), np.full((1500, 3), 0.5), opacity, 1)
+
+
+TURNS = [(1.0, turn, 0.0) for turn in (-0.3, 0.0, 0.3)]
+
+
+def test_views_widened_by_20_degrees_are_not_black():
+    splat = wall(0.9)
+    shots = [(render(splat, camera(turn)).color.numpy() * 255).astype(np.uint8) for turn in TURNS]
+    shell = surround_of([camera(turn) for turn in TURNS], shots, splat.means, 1.0, 1)
+    before = np.mean([empty_share(splat, turn, 20.0) for turn in TURNS])
+    after = np.mean([empty_share(splat.joined(shell), turn, 20.0) for turn in TURNS])
+    assert before > 0.1 and after == 0.0
+
+
+def test_a_fit_sees_the_shell_wherever_it_lets_light_through():
+    """Published behind the splat, the shell changes nothing of what was fitted."""
+    cameras = [camera(turn) for turn in TURNS]
+    targets = [Target(each, torch.full((48, 48, 3), 0.6)) for each in cameras]
+    shell = surround_of(cameras, [picture((150, 150, 150))] * 3, torch.ones(1, 3), 1.0, 1)
+    settings = FitSettings(iterations=30, budget=0)
+    with_shell, without = (
+        fit(wall(0.3), targets, 1.0, settings, surround=each).gaussians for each in (shell, None)
+    )
+    behind = [render(each.joined(shell), cameras[1]).color for each in (with_shell, without)]
+    errors = [float((each - 0.6).square().mean()) for each in behind]
+    assert errors[0] < 0.7 * errors[1]
+
+
+def test_it_grows_with_the_splat(shell):
+    far = torch.tensor([[0.0, 200.0, 0.0]])
+    larger = beyond(shell, far, 1.0)
+    assert float(larger.means.norm(dim=1).min()) > 200.0
+    torch.testing.assert_close(beyond(shell, torch.zeros(1, 3), 1.0).means, shell.means)
+    for target in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.2)):
+        before, after = (behind_view(each, camera(target)) for each in (shell, larger))
+        assert before.shape == (SURROUND.rows, SURROUND.rows, 3)
+        torch.testing.assert_close(before, after, atol=1e-3, rtol=0)

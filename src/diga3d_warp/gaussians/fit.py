@@ -21,11 +21,13 @@ from diga3d_warp.gaussians.exposure import Exposures, exposed, unexposed
 from diga3d_warp.gaussians.losses import depth_loss, photometric_loss
 from diga3d_warp.gaussians.optimiser import GaussianAdam, LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.surround import behind_view
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.gaussians.working import to_user, to_working
+from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.working_frame import WorkingFrame
-from diga3d_warp.splatting.render import Rendering, render
+from diga3d_warp.splatting.render import render
 
 
 @dataclass(frozen=True)
@@ -40,9 +42,6 @@ class FitSettings:
         opacity_weight, scale_weight: Weights of the mean opacity and the mean scale [1, 1 / scene extent];
             they make useless gaussians fade, so that they can be moved. 3DGS-MCMC: 0.01 each, which over a
             short fit costs sharpness.
-        transmittance_weight: Weight of the mean light that the splat lets through, where a surround will lie
-            behind it [1]; not of an edit, whose gaussians would close gaps of the scene around them. At 0.01
-            a fit of 2000 iterations of a lawn with bushes let 0.1 % through.
         coarse_part: Part of the iterations that sees images of half the size: they cost a quarter, and
             the first shapes need no more.
         sh_steps: Parts of the iterations after which degree 1, 2 and 3 of the harmonics join in, as far as
@@ -59,7 +58,6 @@ class FitSettings:
     depth_weight: float = 0.0
     opacity_weight: float = 0.001
     scale_weight: float = 0.001
-    transmittance_weight: float = 0.01
     coarse_part: float = 0.3
     sh_steps: tuple[float, ...] = (0.3, 0.5, 0.7)
     rates: LearningRates = field(default_factory=LearningRates)
@@ -108,6 +106,7 @@ def fit(
     effects: Effects = Effects(),
     seed: int = 0,
     held: torch.Tensor | None = None,
+    surround: Gaussians | None = None,
     checkpoint: Path | None = None,
     note: Callable[[str], None] | None = None,
     progress: bool = False,
@@ -127,6 +126,8 @@ def fit(
             colour at each step; depth is blended if the loss needs it, whatever `depth` is.
         seed: Seed of the order of images and of density control.
         held: Gaussians that keep their values, shape (N,), bool. Those added later are free.
+        surround: Shell behind the gaussians, seen wherever they let light through; it keeps its values.
+            Targets that have alpha are compared without it.
         checkpoint: File to go on from if it exists, and to save to.
         note: Receives a message if the checkpoint is unusable; the fit then starts again.
         progress: Show a bar on stderr.
@@ -145,10 +146,11 @@ def fit(
         shifted = [replace(each, camera=each.camera.relative_to(frame.origin)) for each in targets]
         result = fit(
             to_working(gaussians, frame), shifted, extent, settings, effects=effects, seed=seed, held=held,
+            surround=None if surround is None else to_working(surround, frame),
             checkpoint=checkpoint, note=note, progress=progress, label=label,
         )  # fmt: skip
         return replace(result, gaussians=to_user(result.gaussians, frame))
-    fitting = _Fit(gaussians, targets, extent, settings, seed, held, effects, label)
+    fitting = _Fit(gaussians, targets, extent, settings, seed, held, effects, label, surround)
     if checkpoint is not None:
         fitting.go_on(checkpoint, note)
     saved = time.monotonic()
@@ -173,12 +175,16 @@ class _Fit:
 
     def __init__(
         self, gaussians, targets, extent, settings: FitSettings, seed: int, held,
-        effects: Effects = Effects(), label: str = "fit",
+        effects: Effects = Effects(), label: str = "fit", surround: Gaussians | None = None,
     ) -> None:  # fmt: skip
         self.settings, self.effects, self.extent, self.label = settings, effects, extent, label
         self.held, self.seed = held, seed
         self.targets = list(targets)
         self.coarse = [target.halved() for target in targets] if settings.coarse_part > 0.0 else []
+        self.shells = [
+            None if surround is None or target.alpha is not None else behind_view(surround, target.camera)
+            for target in targets
+        ]
         self.optimiser = GaussianAdam(gaussians, settings.rates)
         self.exposures = Exposures([target.camera for target in targets]) if effects.exposure else None
         self.generator = torch.Generator().manual_seed(seed)
@@ -208,6 +214,9 @@ class _Fit:
             gaussians, target.camera, effects=effects, accuracy=s.accuracy, background=background
         )
         wanted, color = target.over(behind), rendering.color
+        if (shell := self.shells[index]) is not None:
+            color = color + (1.0 - rendering.alpha)[..., None] * _enlarged(shell, target.camera)
+        shown = color
         if exposure is not None:
             color = exposed(color, exposure)
         losses = {"photometric loss": photometric_loss(color, wanted, target.weight, s.ssim_weight)}
@@ -226,8 +235,6 @@ class _Fit:
 
         regularised = loss + s.opacity_weight * gaussians.opacities.mean()
         regularised = regularised + s.scale_weight * gaussians.scales.mean() / self.extent
-        if self.effects.surround and self.held is None:
-            regularised = regularised + s.transmittance_weight * (1.0 - rendering.alpha).mean()
         gradients = torch.autograd.grad(regularised, sources)
         if target.guide is not None:
             self._require_finite({"gradient of the guide": gradients[-1].sum()}, index)
@@ -241,20 +248,20 @@ class _Fit:
         )  # fmt: skip
         self._note(pull, projection.visible)
         if self.exposures and done >= EXPOSING.begin:
-            self._update_exposure(index, target, rendering, background)
+            self._update_exposure(index, target, shown, rendering.alpha, background)
         self._control_density(done, means_rate)
         self._record(float(loss.detach()), color.detach(), wanted, target.weight)
         self.iteration += 1
         self.seconds += time.perf_counter() - start
 
     def _update_exposure(
-        self, index: int, target: Target, rendering: Rendering, background: torch.Tensor
+        self, index: int, target: Target, color: torch.Tensor, opacity: torch.Tensor, background: torch.Tensor
     ) -> None:
         """Update the exposure of an image, over black on both sides if the image has alpha."""
         assert self.exposures is not None
-        color, alpha = rendering.color, None
+        alpha = None
         if target.alpha is not None:
-            color, alpha = color - (1.0 - rendering.alpha)[..., None] * background, rendering.alpha
+            color, alpha = color - (1.0 - opacity)[..., None] * background, opacity
         self.exposures.update(index, color, target.over(torch.zeros(3)), target.solid_weight, alpha)
 
     def _behind(self, target: Target) -> torch.Tensor:
@@ -358,6 +365,7 @@ class _Fit:
         settings = replace(self.settings, checkpoint_seconds=0.0)
         sizes = [(target.camera.width, target.camera.height) for target in self.targets]
         start = [*self.optimiser.tensors.values(), *([] if self.held is None else [self.held])]
+        start += [shell for shell in self.shells if shell is not None]
         return origin_of((settings, self.effects, self.extent, self.seed, sizes), start)
 
     def save(self, path: Path) -> None:
@@ -393,3 +401,11 @@ class _Fit:
         self.optimiser.load_state_dict(state["optimiser"])
         if self.exposures:
             self.exposures.transforms = state["exposures"]
+
+
+def _enlarged(image: torch.Tensor, camera: Camera) -> torch.Tensor:
+    """A small image (h, w, 3) at the size of a camera's, shape (H, W, 3)."""
+    size = (camera.height, camera.width)
+    return torch.nn.functional.interpolate(image.permute(2, 0, 1)[None], size, mode="bilinear")[0].permute(
+        1, 2, 0
+    )

@@ -1,15 +1,14 @@
 """A shell of large gaussians behind everything, so that no view looks into nothing.
 
 Views beside the training views reach where no photograph did. There the shell shows the colours of the
-nearest directions that were photographed, without detail. It is made after the fit, in which a small price on
-transmittance makes the splat opaque where photographs look. Where a short fit is not opaque yet, the shell
-shows through.
+nearest directions that were photographed, without detail. It is made before the fit, which compares its
+renderings over the shell: where a short fit is not opaque yet, the shell shows through as it was fitted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -18,6 +17,7 @@ from diga3d_warp.gaussians.initialise import round_gaussians
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.optics import optics_of
+from diga3d_warp.splatting.render import render
 
 
 @dataclass(frozen=True)
@@ -61,18 +61,36 @@ def surround_of(
     Args:
         cameras: One per photograph, in working units.
         photographs: RGB, each (H, W, 3), uint8.
-        means: Centres of the fitted gaussians, shape (N, 3).
+        means: Centres of the gaussians before it, shape (N, 3).
         extent: Extent of the capture [scene units].
         coefficients: Spherical harmonics per gaussian; those above the first are zero.
     """
     directions = sphere(SURROUND.count)
-    distances = np.linalg.norm(means.detach().cpu().double().numpy(), axis=1)
-    counted = distances[distances < SURROUND.radius_most * extent]
-    radius = max(SURROUND.radius_least * extent, SURROUND.beyond * float(counted.max(initial=0.0)))
+    radius = _radius(means, extent)
     apart = radius * np.sqrt(4.0 * np.pi / SURROUND.count)
     log_scales = np.full(SURROUND.count, np.log(SURROUND.width * apart))
     colors = _colors(directions, cameras, photographs)
     return round_gaussians(radius * directions, log_scales, colors, SURROUND.opacity, coefficients)
+
+
+def beyond(shell: Gaussians, means: torch.Tensor, extent: float) -> Gaussians:
+    """The shell of a splat, made larger where the splat has grown beyond it; arguments as `surround_of`."""
+    before = float(shell.means.norm(dim=1).max())
+    ratio = max(1.0, _radius(means, extent) / max(before, 1e-300))
+    return replace(shell, means=ratio * shell.means, log_scales=shell.log_scales + float(np.log(ratio)))
+
+
+def behind_view(shell: Gaussians, camera: Camera) -> torch.Tensor:
+    """What a camera sees of the shell, RGB, shape (h, w, 3): small, because it has no detail."""
+    size = max(1, round(SURROUND.rows * camera.width / camera.height)), SURROUND.rows
+    with torch.no_grad():
+        return render(shell, camera.resized(*size)).color
+
+
+def _radius(means: torch.Tensor, extent: float) -> float:
+    distances = np.linalg.norm(means.detach().cpu().double().numpy(), axis=1)
+    counted = distances[distances < SURROUND.radius_most * extent]
+    return max(SURROUND.radius_least * extent, SURROUND.beyond * float(counted.max(initial=0.0)))
 
 
 def sphere(count: int) -> np.ndarray:

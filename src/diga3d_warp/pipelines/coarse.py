@@ -195,7 +195,8 @@ def refit(
             start = start.joined(added.select(torch.from_numpy(~hiding)))
         result = fit(
             start, targets_of(views, backgrounds, fills), extent, settings, effects=run.effects,
-            seed=seed, held=cleared.held(len(start)), checkpoint=folder / "checkpoint.pt", note=run.note,
+            seed=seed, held=cleared.held(len(start)), surround=stages.shell_of(run),
+            checkpoint=folder / "checkpoint.pt", note=run.note,
             progress=True, label="refit",
         )  # fmt: skip
         stages.keep_fit(run, folder, result)

@@ -68,6 +68,7 @@ def distil(
         )  # fmt: skip
         result = fit(
             source, guided, extent, settings, effects=run.effects, seed=seed, held=held,
+            surround=stages.shell_of(run),
             checkpoint=folder / "checkpoint.pt", note=run.note, progress=True, label="distil",
         )  # fmt: skip
         stages.keep_fit(run, folder, result)

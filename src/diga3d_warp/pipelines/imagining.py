@@ -169,7 +169,8 @@ def grow(
             start = start.joined(added)
         result = fit(
             start, [each.target for each in imagined], extent, settings, effects=run.effects, seed=seed,
-            held=torch.arange(len(start)) < len(cleared), checkpoint=folder / "checkpoint.pt", note=run.note,
+            held=torch.arange(len(start)) < len(cleared), surround=stages.shell_of(run),
+            checkpoint=folder / "checkpoint.pt", note=run.note,
             progress=True, label="grow",
         )  # fmt: skip
         stages.keep_fit(run, folder, result)

@@ -174,7 +174,8 @@ def settle(run: Run, staged: Staged, extent: float, settings: FitSettings, seed:
     def compute(folder: Path) -> None:
         result = fit(
             staged.gaussians, staged.targets, extent, settings, effects=run.effects, seed=seed,
-            held=staged.held, checkpoint=folder / "checkpoint.pt", note=run.note,
+            held=staged.held, surround=stages.shell_of(run),
+            checkpoint=folder / "checkpoint.pt", note=run.note,
             progress=True, label="settle",
         )  # fmt: skip
         stages.keep_fit(run, folder, result)

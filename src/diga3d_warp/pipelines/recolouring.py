@@ -117,6 +117,7 @@ def recolour(
         held = torch.arange(len(painted)) < len(rest)
         result = fit(
             painted, targets_of(sights, images), extent, settings, effects=run.effects, seed=seed, held=held,
+            surround=stages.shell_of(run),
             checkpoint=folder / "checkpoint.pt", note=run.note, progress=True, label="refit",
         )  # fmt: skip
         stages.keep_fit(run, folder, result)

@@ -25,7 +25,7 @@ from diga3d_warp.gaussians.exposure import exposure_corrected
 from diga3d_warp.gaussians.fit import FitResult, FitSettings, fit
 from diga3d_warp.gaussians.initialise import initialise
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.gaussians.surround import surround_of
+from diga3d_warp.gaussians.surround import beyond, surround_of
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.gaussians.thinning import thinned
 from diga3d_warp.gaussians.working import to_user, to_working
@@ -167,17 +167,19 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
                 "space: as many as its budget of gaussians"
             )
         coefficients = coefficient_count(run.effects.sh_degree)
-        result = fit(
-            initialise(points, coefficients), targets, scene.extent, settings, effects=run.effects,
-            seed=seed, checkpoint=folder / "checkpoint.pt", note=run.note, progress=True,
-        )  # fmt: skip
-        keep_fit(run, folder, result)
+        start, shell = initialise(points, coefficients), None
         if run.effects.surround:
             shell = surround_of(
                 [view.camera for view in scene.views], [view.pixels for view in scene.views],
-                result.gaussians.means, scene.extent, coefficients,
+                start.means, scene.extent, coefficients,
             )  # fmt: skip
-            shell.save_ply(folder / SHELL)
+        result = fit(
+            start, targets, scene.extent, settings, effects=run.effects, seed=seed, surround=shell,
+            checkpoint=folder / "checkpoint.pt", note=run.note, progress=True,
+        )  # fmt: skip
+        keep_fit(run, folder, result)
+        if shell is not None:
+            beyond(shell, result.gaussians.means, scene.extent).save_ply(folder / SHELL)
 
     return fitted(run, "fit", compute)
 
@@ -301,10 +303,16 @@ def _publish_splat(run: Run, stage: str, name: str) -> Gaussians:
     return gaussians
 
 
+def shell_of(run: Run) -> Gaussians | None:
+    """The surround of the run's splat, if it has one."""
+    shell = run.folder / "stages" / "fit" / SHELL
+    return Gaussians.load_ply(shell, every_row=True) if shell.is_file() else None
+
+
 def _surrounded(run: Run, gaussians: Gaussians) -> Gaussians:
     """The splat of a stage with the surround behind it, if the run has one."""
-    shell = run.folder / "stages" / "fit" / SHELL
-    return gaussians.joined(Gaussians.load_ply(shell, every_row=True)) if shell.is_file() else gaussians
+    shell = shell_of(run)
+    return gaussians if shell is None else gaussians.joined(shell)
 
 
 def _publish_pictures(run: Run, source: Path, name: str) -> None:
