@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tabletop import EYES, camera_at, photo, photos
 
 from diga3d_warp.surfaces.evidence import Evidence, gather
 from diga3d_warp.surfaces.planes import Plane, find_planes, mean_eye
+from tabletop import EYES, camera_at, photo, photos
 
 NO_POINTS = np.zeros((0, 3))
 EYE = mean_eye([camera_at(eye) for eye in EYES])
