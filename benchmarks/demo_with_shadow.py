@@ -1,4 +1,4 @@
-"""The demo with the vase's shadow left on: masks mark the vase only, so its shadow stays on the floor.
+"""The demo with the vase's shadow left on: masks mark the vase only, and the removal relights its shadow.
 
 Usage: python benchmarks/demo_with_shadow.py run/demo_with_shadow
 """

@@ -13,15 +13,14 @@ from diga3d_warp.materials.tint import COLORS, SHADES, Tint
 from diga3d_warp.materials.vocabulary import MATERIALS as VOCABULARY
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.synthetic.arc import arc_cameras
-from diga3d_warp.scene.synthetic.lighting import corner_light
 from diga3d_warp.scene.synthetic.materials import Material
-from diga3d_warp.scene.synthetic.rendering import Body, Textures, camera_rays, cast, developed
+from diga3d_warp.scene.synthetic.rendering import Body, camera_rays, cast, developed
 from diga3d_warp.scene.synthetic.room import room_scenery
 from diga3d_warp.scene.synthetic.scenery import Scenery
-from diga3d_warp.scene.synthetic.shots import Front
+from diga3d_warp.scene.synthetic.shots import Front, Lit
 from diga3d_warp.scene.synthetic.situations.catalogue import SITUATIONS, build_situation
 from diga3d_warp.scene.synthetic.situations.things import KINDS, SIDE, turned_profile
-from diga3d_warp.scene.synthetic.solids import Surface, box, joined
+from diga3d_warp.scene.synthetic.solids import Surface, box
 from training.recipe import DataRecipe
 
 ROOM = "room"
@@ -156,34 +155,17 @@ def _lit(
     recasts: list[list[Surface]],
     views: list[Camera],
 ) -> Room:
-    room = scenery.surroundings
-    shown = [room, *(surface for shapes in recasts for surface in shapes)]
-    if scenery.backdrop is not None:
-        shown.append(scenery.backdrop)
-    textures = Textures(seed, joined(shown).palette)
-
-    def light(*parts: Surface) -> list[np.ndarray]:
-        whole = joined(parts)
-        received = corner_light(whole, textures.corner_albedo(whole), seed, scenery.lighting)
-        return np.split(received, np.cumsum([len(part.vertices) for part in parts[:-1]]))
-
-    seen = room if scenery.backdrop is None else joined([room, scenery.backdrop])
-    far = np.ones((len(seen.vertices) - len(room.vertices), 3))  # a backdrop shows its texture as it is
-    surroundings = Body(seen, textures)
-    bodies = [[Body(surface, textures) for surface in shapes] for shapes in recasts]
-    lights = [light(room, shapes[0]) for shapes in recasts]
-
-    def on_room(received: np.ndarray) -> wp.array:
-        return surroundings.tinted(np.concatenate([received, far]))
-
+    lit = Lit(scenery, [surface for shapes in recasts for surface in shapes], seed)
+    bodies = [[Body(surface, lit.textures) for surface in shapes] for shapes in recasts]
+    lights = [lit.light(shapes[0]) for shapes in recasts]
     return Room(
         place,
         stands,
         things,
         views,
-        surroundings,
-        on_room(light(room)[0]),
-        [on_room(beside) for beside, _ in lights],
+        lit.body,
+        lit.tinted(lit.light()[0]),
+        [lit.tinted(beside) for beside, _ in lights],
         bodies,
         [[body.tinted(on) for body in shapes] for shapes, (_, on) in zip(bodies, lights, strict=True)],
     )

@@ -47,7 +47,7 @@ def test_each_task_is_compared_with_the_truth_of_its_prompt(measured):
         assert all(len(row) == len(table.columns) for row in table.rows)
         unedited, _, network = table.rows
         assert unedited[0].endswith("(1)") and network[0].endswith("(1)")
-        assert unedited[3] == "99.00" and unedited[4] == "0", "photographs are nearest to themselves"
+        assert unedited[3] == "–" and unedited[4] == "0", "photographs are nearest to themselves"
         assert 3.0 < float(network[1]) < 40.0 and network[1] != unedited[1]
     assert not (cell.folder / "runs").exists()
 

@@ -75,3 +75,22 @@ class Captures:
             write_json(path, now)
         elif read_json(path, "delete the folder") != now:
             raise InputError(f"{folder} holds figures of other settings: delete it, or choose another --work")
+
+
+class CaptureFolder:
+    """One capture, and the folder that keeps what was measured of it.
+
+    Args:
+        captures: What is edited.
+        situation, seed: Which of them.
+        folder: Of all captures.
+    """
+
+    def __init__(self, captures: Captures, situation: str, seed: int, folder: Path) -> None:
+        self.captures, self.situation, self.seed = captures, situation, seed
+        self.folder = folder / f"{situation}-{seed}"
+
+    @property
+    def scene(self) -> Scene:
+        """The capture, generated if the folder lacks it."""
+        return self.captures.load(self.situation, self.seed, self.folder / "capture")

@@ -11,7 +11,7 @@ import numpy as np
 
 from diga3d_warp.bench.ablation.measure import Figures, Outcome, Truth, measure
 from diga3d_warp.bench.ablation.trials import Trial
-from diga3d_warp.bench.captures import Captures
+from diga3d_warp.bench.captures import CaptureFolder, Captures
 from diga3d_warp.bench.fill.truth import truth_of
 from diga3d_warp.bench.room import true_picture
 from diga3d_warp.files import write_image, write_json
@@ -36,7 +36,7 @@ class Floor(TypedDict):
     disagreement: float
 
 
-class Cell:
+class Cell(CaptureFolder):
     """One capture.
 
     Args:
@@ -49,8 +49,7 @@ class Cell:
     def __init__(
         self, captures: Captures, situation: str, seed: int, folder: Path, priors: Mapping[str, Prior | str]
     ) -> None:
-        self.captures, self.situation, self.seed = captures, situation, seed
-        self.folder = folder / f"{situation}-{seed}"
+        super().__init__(captures, situation, seed, folder)
         self.priors = priors
 
     def figures(self, trials: Iterable[Trial]) -> dict[Trial, Figures]:
@@ -58,7 +57,7 @@ class Cell:
         wanted = [trial for trial in dict.fromkeys(trials) if not isinstance(self.priors[trial.prior], str)]
         missing = [trial for trial in wanted if not self._path(trial, "json").exists()]
         if missing:
-            scene = self.captures.load(self.situation, self.seed, self.folder / "capture")
+            scene = self.scene
             self._show_truth(scene)
             settings, runs = self.captures.settings, self.folder / "runs"
             measured = measure(scene, missing, self.seed, runs, self.priors, settings)

@@ -146,6 +146,12 @@ def cell(values: Sequence[float], form: str) -> str:
     return mean if len(values) == 1 else f"{mean} ± {format(float(np.std(values, ddof=1)), form)}"
 
 
+def known_cell(values: Sequence[float | None], form: str) -> str:
+    """`cell` of the values that there are; a dash if there is none."""
+    known = [value for value in values if value is not None]
+    return cell(known, form) if known else "–"
+
+
 def difference(values: Sequence[float], form: str) -> str:
     """Mean with its sign, and its standard error where there is more than one value."""
     mean = format(float(np.mean(values)), f"+{form}")

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from diga3d_warp.bench.ablation.measure import Truth, final_fills, outcome_of
-from diga3d_warp.bench.captures import Captures
+from diga3d_warp.bench.captures import CaptureFolder, Captures
 from diga3d_warp.bench.fill.figures import Figures
 from diga3d_warp.bench.fill.methods import PerView, Removal
 from diga3d_warp.bench.fill.truth import psnr_elsewhere, truth_of
@@ -45,7 +45,7 @@ def picture_path(folder: Path, place: tuple[str, int], name: str) -> Path:
     return folder / f"{situation}-{seed}" / f"{name.replace(' ', '-')}.png"
 
 
-class Cell:
+class Cell(CaptureFolder):
     """One capture, filled by each method.
 
     Args:
@@ -58,8 +58,7 @@ class Cell:
     def __init__(
         self, captures: Captures, situation: str, seed: int, folder: Path, priors: Mapping[str, Prior | str]
     ) -> None:
-        self.captures, self.situation, self.seed = captures, situation, seed
-        self.folder = folder / f"{situation}-{seed}"
+        super().__init__(captures, situation, seed, folder)
         self.priors = priors
 
     def figures(self, methods: Mapping[str, PerView | Removal]) -> dict[str, Figures]:
@@ -73,7 +72,7 @@ class Cell:
         return self.folder / f"{method.replace(' ', '-')}.{ending}"
 
     def _measure(self, methods: Mapping[str, PerView | Removal]) -> None:
-        scene = self.captures.load(self.situation, self.seed, self.folder / "capture")
+        scene = self.scene
         truth = truth_of(scene)
         shown = int(np.argmax([unseen.sum() for unseen in truth.unseen]))
         window = _window(scene.views[shown])

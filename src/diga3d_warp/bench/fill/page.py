@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 
-from diga3d_warp.bench.ablation.page import cell
+from diga3d_warp.bench.ablation.page import known_cell
 from diga3d_warp.bench.captures import Captures
 from diga3d_warp.bench.fill.cell import picture_path
 from diga3d_warp.bench.fill.figures import Figures
@@ -76,7 +76,9 @@ def overall(results: Results) -> Table:
     rows = []
     for method in _methods(results):
         found = [figures[method] for figures in results.values()]
-        rows.append([method, *(_cell([of(each) for each in found], form) for of, form in COLUMNS.values())])
+        rows.append(
+            [method, *(known_cell([of(each) for each in found], form) for of, form in COLUMNS.values())]
+        )
     return Table(f"Mean and deviation over {len(results)} captures", ["", *COLUMNS], rows)
 
 
@@ -89,7 +91,7 @@ def by_situation(results: Results, head: str) -> Table:
         cells = []
         for situation in situations:
             found = [figures[method] for (name, _), figures in results.items() if name == situation]
-            cells.append(_cell([of(each) for each in found], form))
+            cells.append(known_cell([of(each) for each in found], form))
         rows.append([method, *cells])
     return Table(f"{head}, by situation", ["", *situations], rows)
 
@@ -185,8 +187,3 @@ def _situations(results: Results) -> list[str]:
 
 def _times(factor: float, value: float | None) -> float | None:
     return None if value is None else factor * value
-
-
-def _cell(values: Sequence[float | None], form: str) -> str:
-    known = [value for value in values if value is not None]
-    return cell(known, form) if known else "–"

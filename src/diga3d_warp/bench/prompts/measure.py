@@ -10,7 +10,7 @@ from typing import TypedDict
 import numpy as np
 import torch
 
-from diga3d_warp.bench.captures import Captures
+from diga3d_warp.bench.captures import CaptureFolder, Captures
 from diga3d_warp.bench.prompts.edits import BUILT_IN, TRUTHS, UNEDITED, Prompts, Task, knows, settings_of
 from diga3d_warp.bench.room import share_stages
 from diga3d_warp.evaluation.metrics import compare, mean_scores, psnr
@@ -33,17 +33,17 @@ class Figures(TypedDict):
     """One edit of one capture, of the held-out views within the widened masks.
 
     psnr, ssim: against the truth of the prompt [dB, 1].
-    before: PSNR against the photographs, which show what was there [dB].
+    before: PSNR against the photographs, which show what was there [dB]; None where nothing was edited.
     nearer: share of the views that are nearer to the truth of the prompt than to the photograph [1].
     """
 
     psnr: float
     ssim: float
-    before: float
+    before: float | None
     nearer: float
 
 
-class Cell:
+class Cell(CaptureFolder):
     """One capture.
 
     Args:
@@ -56,14 +56,8 @@ class Cell:
     def __init__(
         self, captures: Captures, situation: str, seed: int, folder: Path, prior: DiffusionPrior
     ) -> None:
-        self.captures, self.situation, self.seed = captures, situation, seed
-        self.folder = folder / f"{situation}-{seed}"
+        super().__init__(captures, situation, seed, folder)
         self.prior = prior
-
-    @property
-    def scene(self) -> Scene:
-        """The capture, generated if the folder lacks it."""
-        return self.captures.load(self.situation, self.seed, self.folder / "capture")
 
     @property
     def prompts(self) -> Prompts:
@@ -117,7 +111,7 @@ class Cell:
         figures = Figures(
             psnr=score.psnr,
             ssim=score.ssim,
-            before=float(np.mean(before)) if np.isfinite(before).all() else 99.0,
+            before=None if method is None else float(np.mean(before)),
             nearer=float(np.mean(nearer)),
         )
         write_json(self.path(task, name, "json"), figures)

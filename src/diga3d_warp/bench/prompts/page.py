@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from diga3d_warp.bench.ablation.page import cell
+from diga3d_warp.bench.ablation.page import known_cell
 from diga3d_warp.bench.captures import Captures
 from diga3d_warp.bench.page import pictures, require_plots, write_page
 from diga3d_warp.bench.prompts.edits import TRUTHS, UNEDITED, Task, methods_of
@@ -16,7 +16,7 @@ from diga3d_warp.priors.named import load_prior, reads_prompts
 from diga3d_warp.priors.protocol import DiffusionPrior
 from diga3d_warp.state import read_picture
 
-COLUMNS: Mapping[str, tuple[Callable[[Figures], float], str]] = {
+COLUMNS: Mapping[str, tuple[Callable[[Figures], float | None], str]] = {
     "PSNR masked [dB]": (lambda found: found["psnr"], ".2f"),
     "SSIM masked": (lambda found: found["ssim"], ".3f"),
     "PSNR against the photographs [dB]": (lambda found: found["before"], ".2f"),
@@ -104,9 +104,7 @@ def table(task: Task, names: Sequence[str], found: Sequence[Mapping[str, Figures
     rows = []
     for name in names:
         figures = [each[name] for each in found if name in each]
-        cells = [
-            cell([of(each) for each in figures], form) if figures else "–" for of, form in COLUMNS.values()
-        ]
+        cells = [known_cell([of(each) for each in figures], form) for of, form in COLUMNS.values()]
         rows.append([f"{name} ({len(figures)})", *cells])
     return Table(task, ["method (captures)", *COLUMNS], rows)
 

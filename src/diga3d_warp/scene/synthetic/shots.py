@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,6 +68,41 @@ class Shot:
     points: Points
 
 
+class Lit:
+    """What stays of a scenery, and the light in it.
+
+    Args:
+        scenery: Surfaces and light.
+        things: Surfaces that may stand in it, for their textures.
+        seed: Of textures and sampling noise.
+
+    Attributes:
+        textures: Of all surfaces.
+        body: The surroundings, with the backdrop if there is one.
+    """
+
+    def __init__(self, scenery: Scenery, things: Sequence[Surface], seed: int) -> None:
+        self._scenery, self._seed = scenery, seed
+        room = scenery.surroundings
+        backdrop = [] if scenery.backdrop is None else [scenery.backdrop]
+        self.textures = Textures(seed, joined([room, *things, *backdrop]).palette)
+        seen = joined([room, *backdrop]) if backdrop else room
+        # A backdrop shows its texture as it is.
+        self._far = np.ones((len(seen.vertices) - len(room.vertices), 3))
+        self.body = Body(seen, self.textures)
+
+    def light(self, *things: Surface) -> list[np.ndarray]:
+        """Light on the corners of the surroundings, and of the things that then stand in them."""
+        parts = [self._scenery.surroundings, *things]
+        whole = joined(parts)
+        received = corner_light(whole, self.textures.corner_albedo(whole), self._seed, self._scenery.lighting)
+        return np.split(received, np.cumsum([len(part.vertices) for part in parts[:-1]]))
+
+    def tinted(self, received: np.ndarray) -> wp.array:
+        """Tinted light on the surroundings and the backdrop, from that on the surroundings."""
+        return self.body.tinted(np.concatenate([received, self._far]))
+
+
 def set_stage(scenery: Scenery, seed: int, shadows: bool) -> Stage:
     """Light a scenery in each of its cases.
 
@@ -75,39 +111,21 @@ def set_stage(scenery: Scenery, seed: int, shadows: bool) -> Stage:
         seed: Of textures and sampling noise.
         shadows: Whether the object darkens and colours its surroundings.
     """
-    room, thing, other, recast = (
-        scenery.surroundings, scenery.thing, scenery.other_object, scenery.other_material
-    )  # fmt: skip
-    shown = [room, thing, other, recast]
-    if scenery.backdrop is not None:
-        shown.append(scenery.backdrop)
-    textures = Textures(seed, joined(shown).palette)
-
-    def light(*parts: Surface) -> list[np.ndarray]:
-        whole = joined(parts)
-        received = corner_light(whole, textures.corner_albedo(whole), seed, scenery.lighting)
-        return np.split(received, np.cumsum([len(part.vertices) for part in parts[:-1]]))
-
-    alone = light(room)[0]
-    beside_object, on_object = light(room, thing)
-    beside_other, on_other = light(room, other)
-    seen = room if scenery.backdrop is None else joined([room, scenery.backdrop])
-    far = np.ones((len(seen.vertices) - len(room.vertices), 3))  # a backdrop shows its texture as it is
-    room_body, recast_body = Body(seen, textures), Body(recast, textures)
-    object_body, other_body = Body(thing, textures), Body(other, textures)
-
-    def on_room(received: np.ndarray) -> wp.array:
-        return room_body.tinted(np.concatenate([received, far]))
-
-    room_alone = on_room(alone)
+    thing, other, recast = scenery.thing, scenery.other_object, scenery.other_material
+    lit = Lit(scenery, [thing, other, recast], seed)
+    (alone,) = lit.light()
+    beside_object, on_object = lit.light(thing)
+    beside_other, on_other = lit.light(other)
+    object_body, other_body, recast_body = (Body(each, lit.textures) for each in (thing, other, recast))
+    room_alone = lit.tinted(alone)
     return Stage(
-        room=room_body,
+        room=lit.body,
         object=object_body,
         other_object=other_body,
         other_material=recast_body,
         room_alone=room_alone,
-        room_with_object=on_room(beside_object) if shadows else room_alone,
-        room_with_other=on_room(beside_other) if shadows else room_alone,
+        room_with_object=lit.tinted(beside_object) if shadows else room_alone,
+        room_with_other=lit.tinted(beside_other) if shadows else room_alone,
         on_object=object_body.tinted(on_object),
         on_other_object=other_body.tinted(on_other),
         # The same shape in another material: only the object itself changes, not what it sends to the room.
