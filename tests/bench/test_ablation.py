@@ -43,7 +43,7 @@ CAPTURES = Captures(("rug",), seeds=1, width=64, height=48, views=8, settings=TI
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
     """A tiny ablation: its scene, the folder of its runs, its truth and its outcomes."""
-    folder = tmp_path_factory.mktemp("ablation")
+    folder = tmp_path_factory.mktemp("ablation") / "rug-0"
     scene = CAPTURES.load("rug", 0, folder / "capture")
     outcomes = dict(measure.measure(scene, TRIALS.values(), 0, folder / "runs", PRIORS, TINY))
     run = outcomes and folder / "runs" / TRIALS["full"].key
@@ -144,13 +144,16 @@ def test_the_table_has_a_row_for_each_trial(measured):
     assert all(re.fullmatch(r"\d+\.?\d* ± \d+\.?\d*", cell) for row in table.rows[:-1] for cell in row[1:-3])
 
 
-def test_what_was_measured_is_not_measured_again(tmp_path, monkeypatch):
+def test_what_was_measured_is_not_measured_again(measured, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
+    _, runs, *_ = measured
     trials = {name: TRIALS[name] for name in ("full", "without TG-SDS", "missing")}
-    here = cell.Cell(CAPTURES, "rug", 0, tmp_path, PRIORS)
+    here = cell.Cell(CAPTURES, "rug", 0, runs.parents[1], PRIORS)  # whose runs are finished
+    deleted = []
+    monkeypatch.setattr(cell.shutil, "rmtree", deleted.append)
     found = here.figures(trials.values())
     assert list(found) == [TRIALS["full"], TRIALS["without TG-SDS"]]
-    assert not (here.folder / "runs").exists() and here.floor > 0
+    assert deleted == [runs] and here.floor > 0
     monkeypatch.setattr(cell, "measure", None)
     assert here.figures(trials.values()) == found
     page.draw(tmp_path / "ablation.png", {"all": trials}, here, PRIORS)
