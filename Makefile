@@ -4,12 +4,16 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 
-.PHONY: demo test test-random lint
+.PHONY: demo test test-random pytest lint
 
 demo: $(INSTALLED)
 	$(BIN)/diga3d demo --out run/demo
 
-test: lint
+# Side by side: mypy has one thread.
+test: $(INSTALLED)
+	$(MAKE) --jobs=2 lint pytest
+
+pytest: $(INSTALLED)
 	$(BIN)/pytest -n logical --dist worksteal
 
 test-random: $(INSTALLED)

@@ -9,11 +9,11 @@ import pytest
 
 from diga3d_warp.bench.ablation import cell, measure, page
 from diga3d_warp.bench.ablation.measure import Figures, priors_of
-from diga3d_warp.bench.ablation.trials import Trial, groups_of
+from diga3d_warp.bench.ablation.trials import UNCHARTED, USUAL, Trial, groups_of
 from diga3d_warp.bench.captures import Captures
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.fit import FitSettings
-from diga3d_warp.pipelines.method import PAPER, WARPED
+from diga3d_warp.pipelines.method import WARPED
 from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.priors.classical import ClassicalPrior
@@ -26,12 +26,12 @@ TINY = RemoveSettings(
     refit=replace(REFIT, iterations=10),
     distil=replace(DISTIL, iterations=5),
 )
-QUICK = replace(PAPER, references=2, sampling=SamplingSettings(steps=2))
+QUICK = replace(USUAL, references=2, sampling=SamplingSettings(steps=2))
 TRIALS = {
     "full": Trial(QUICK),
     "without TG-SDS": Trial(replace(QUICK, distillation=None)),
     "weight 0": Trial(replace(QUICK, afp_weight=0.0)),
-    "classical": Trial(replace(WARPED, references=2), prior="classical"),
+    "classical": Trial(replace(UNCHARTED, references=2), prior="classical"),
     "missing": Trial(QUICK, prior="sd-inpainting"),
 }
 

@@ -33,7 +33,8 @@ def measured(tmp_path_factory):
     full, *_ = (method for name, method in methods_of("sd").items() if name == "sd")
     method = replace(full, references=2, sampling=SamplingSettings(steps=2))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(page, "methods_of", lambda name: {BUILT_IN: methods_of(name)[BUILT_IN], name: method})
+        built_in = replace(methods_of("sd")[BUILT_IN], surfaces=False)
+        patch.setattr(page, "methods_of", lambda name: {BUILT_IN: built_in, name: method})
         patch.setattr(page, "load_prior", lambda *_, **__: prior)
         tables = page.bench_prompts(folder / "out", folder / "work", CAPTURES, str(folder / "sd"))
     return folder, measure.Cell(CAPTURES, "rug", 0, folder / "work", prior), tables
