@@ -4,16 +4,12 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 
-.PHONY: demo test test-random pytest lint
+.PHONY: demo test test-random lint
 
 demo: $(INSTALLED)
 	$(BIN)/diga3d demo --out run/demo
 
-# Side by side: mypy has one thread.
-test: $(INSTALLED)
-	$(MAKE) --jobs=2 lint pytest
-
-pytest: $(INSTALLED)
+test: lint
 	$(BIN)/pytest -n logical --dist worksteal
 
 test-random: $(INSTALLED)
@@ -22,7 +18,7 @@ test-random: $(INSTALLED)
 lint: $(INSTALLED)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/mypy
+	$(BIN)/mypy --num-workers 2
 
 $(INSTALLED): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

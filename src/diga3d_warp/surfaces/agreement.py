@@ -110,17 +110,13 @@ def agreement(
         sides: Sides of the windows, the smallest first [texels].
         settings: Contrast that counts.
     """
-    import warnings
-
     shape = samples[0].shape
     stacked = np.stack(samples)
     shown = np.isfinite(stacked)
     detail = np.stack([_detail(sample, sides[0]) for sample in samples])
     several = shown.sum(axis=0) >= settings.views_least
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # texels that nothing shows
-        consensus = np.nanmedian(np.where(shown, detail, np.nan), axis=0)
-        brightness = np.nanmedian(stacked, axis=0)
+    consensus = _medians(np.where(shown, detail, np.float32(np.nan)))
+    brightness = _medians(stacked)
     brightness = np.where(several, brightness, np.float32(np.nan)).astype(np.float32)
     consensus = np.where(several, consensus, 0.0).astype(np.float32)
     used = shown & several
@@ -137,6 +133,17 @@ def agreement(
         decided = ~np.isfinite(alike) & (power > settings.contrast) & several
         alike = np.where(decided, 1.0 - off / np.maximum(power, 1e-12), alike)
     return Agreement(alike, contrast, rest, brightness)
+
+
+def _medians(values: np.ndarray) -> np.ndarray:
+    """Medians of what is known along the first axis; NaN where nothing is.
+
+    As `np.nanmedian`, which takes masked arrays for few values: over a search it was 40 % of the time.
+    """
+    ordered = np.sort(values, axis=0)  # NaN comes last
+    count = np.isfinite(values).sum(axis=0)
+    middle = np.stack([np.maximum(count - 1, 0) // 2, np.minimum(count // 2, len(values) - 1)])
+    return np.take_along_axis(ordered, middle, axis=0).mean(axis=0)
 
 
 def _detail(sample: np.ndarray, side: int) -> np.ndarray:
