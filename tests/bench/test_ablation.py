@@ -16,7 +16,7 @@ from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.pipelines.method import WARPED
 from diga3d_warp.pipelines.remove import DISTIL, REFIT, RemoveSettings
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.priors.classical import ClassicalPrior
+from diga3d_warp.priors.classical import ClassicalPrior, telea_fill
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.scene.photographs.images import read_image
@@ -36,7 +36,14 @@ TRIALS = {
 }
 
 
-PRIORS = {"exemplar": ExemplarPrior(), "classical": ClassicalPrior(), "sd-inpainting": "no weights"}
+class Quick(ClassicalPrior):
+    """A fill that takes milliseconds."""
+
+    def fill(self, image, mask, *, seed=0, depth=None):
+        return telea_fill(image, mask)
+
+
+PRIORS = {"exemplar": ExemplarPrior(), "classical": Quick(), "sd-inpainting": "no weights"}
 CAPTURES = Captures(("rug",), seeds=1, width=64, height=48, views=8, settings=TINY)
 
 
