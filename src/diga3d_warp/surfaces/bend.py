@@ -9,11 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-HUBER = 1.5
-"""Distance from which points pull less [tolerances]: half of a fit's points may be the next surface's."""
-
-ROUNDS = 6
-"""Rounds of reweighting; the height settles in three or four."""
+from diga3d_warp.surfaces.settings import BENDS
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +57,9 @@ def fit_bend(points: np.ndarray, heights: np.ndarray, scales: np.ndarray, normal
     bend = Bend(origin, axes, reach, np.zeros(6))
     terms = _terms(bend._places(points))
     solution = np.zeros(6)
-    for _ in range(ROUNDS):
+    for _ in range(BENDS.rounds):
         off = np.abs(heights - terms @ solution) / scales
-        weights = 1.0 / (scales * np.maximum(off / HUBER, 1.0) ** 2)
+        weights = 1.0 / (scales * np.maximum(off / BENDS.huber, 1.0) ** 2)
         weights /= weights.max()
         solution = np.linalg.lstsq(terms * weights[:, None], heights * weights, rcond=1e-9)[0]
     return Bend(origin, axes, reach, solution)

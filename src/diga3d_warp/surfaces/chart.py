@@ -14,14 +14,7 @@ from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.placement import Pixels, pixel_rays
 from diga3d_warp.surfaces.bend import Bend
 from diga3d_warp.surfaces.planes import Plane
-from diga3d_warp.surfaces.settings import SURFACES, SurfaceSettings
-
-COARSE = 128
-"""Texels on the longer side of a chart whose resolution nobody has asked for."""
-
-BENDS = 4
-"""Fixed-point steps in which a ray meets a curved chart: each leaves about the slope of the height, below a
-quarter, of the error."""
+from diga3d_warp.surfaces.settings import BENDS, LAYOUT, SURFACES, SurfaceSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +98,7 @@ class Frame:
         z = self.plane.depth(camera, settings, at)
         u, v = start[0] + along[..., 0] * z, start[1] + along[..., 1] * z
         if self.bend is not None:
-            for _ in range(BENDS):
+            for _ in range(BENDS.steps):
                 with np.errstate(divide="ignore", invalid="ignore"):
                     z = z + (self.height(u, v) - (start[2] + along[..., 2] * z)) / along[..., 2]
                 u, v = start[0] + along[..., 0] * z, start[1] + along[..., 1] * z
@@ -193,7 +186,7 @@ def sized(
 ) -> Frame:
     """A frame with another range of u and v, and another texel, made larger where there would be too many."""
     span = np.maximum(high - low, 1e-9 * max(float((high - low).max()), 1e-300))
-    texel = texel or float(span.max()) / COARSE
+    texel = texel or float(span.max()) / LAYOUT.coarse
     texel = max(texel, float(np.sqrt(span[0] / settings.texels * span[1])))
     while (size := np.maximum(np.ceil(span / texel), 1.0)).prod() > settings.texels:
         texel *= 1.02

@@ -9,7 +9,7 @@ import numpy as np
 
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.surfaces.chart import Chart
-from diga3d_warp.surfaces.settings import SURFACES, SurfaceSettings
+from diga3d_warp.surfaces.settings import SHOWN, SURFACES, SurfaceSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +75,6 @@ def _drawn(
     return color, alpha, np.where(inside, z, np.inf)
 
 
-SIDES = 8.0
-"""Longest footprint of a pixel that is averaged over, in texels of its level [1]: the anisotropy that GPUs
-offer is 8 or 16."""
-
-
 def _area_sampled(texels: np.ndarray, column: np.ndarray, row: np.ndarray) -> np.ndarray:
     """Means of texels over the footprints of pixels, shape (H, W, C).
 
@@ -98,9 +93,9 @@ def _area_sampled(texels: np.ndarray, column: np.ndarray, row: np.ndarray) -> np
     length_x, length_y = np.linalg.norm(step_x, axis=-1), np.linalg.norm(step_y, axis=-1)
     longer = np.where((length_x >= length_y)[..., None], step_x, step_y)
     long, short = np.maximum(length_x, length_y), np.minimum(length_x, length_y)
-    short = np.maximum(short, long / SIDES)
+    short = np.maximum(short, long / SHOWN.anisotropy)
     level = np.clip(np.log2(np.maximum(short, 1.0)), 0.0, len(pyramid) - 1.0)
-    count = np.clip(np.ceil(long / np.maximum(short, 1.0)), 1.0, SIDES)
+    count = np.clip(np.ceil(long / np.maximum(short, 1.0)), 1.0, SHOWN.anisotropy)
     most = int(count.max(initial=1.0))
     result, used = np.zeros((*column.shape, texels.shape[2]), np.float32), np.zeros(column.shape, np.float32)
     for k in range(most):

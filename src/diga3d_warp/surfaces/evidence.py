@@ -11,9 +11,6 @@ from diga3d_warp.splatting.placement import projected, unprojected
 from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.settings import SURFACES, SurfaceSettings
 
-FARTHEST = 1e6
-"""Depths beyond this many times the median of a view's depth are no surface [1]: a splat's sky."""
-
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
@@ -97,7 +94,7 @@ def _of_depth(
     size = (2 * photo.length(2.0) + 1,) * 2
     smooth = cv2.blur(depth, size) / np.maximum(cv2.blur(weight, size), 1e-6)
     # At a step, points of both sides would make a wall of their own.
-    band = band & (depth < FARTHEST * usual) & (np.abs(smooth - depth) <= settings.agree * depth)
+    band = band & (depth < settings.farthest * usual) & (np.abs(smooth - depth) <= settings.agree * depth)
     rows, columns = np.nonzero(band)
     if len(rows) > most:
         chosen = np.sort(rng.choice(len(rows), most, replace=False))

@@ -12,6 +12,7 @@ from diga3d_warp.surfaces.chart import Chart
 from diga3d_warp.surfaces.offsets import OFFSETS, OffsetSettings
 from diga3d_warp.surfaces.parts import parts_of, surroundings_of
 from diga3d_warp.surfaces.regular import continue_regular
+from diga3d_warp.surfaces.settings import SHOWN
 
 
 def fill_chart(chart: Chart, prior: Prior, seed: int, settings: OffsetSettings = OFFSETS) -> Chart:
@@ -34,7 +35,7 @@ def fill_chart(chart: Chart, prior: Prior, seed: int, settings: OffsetSettings =
     image = image.copy()
     known = chart.known | copied
     for part in parts_of(chart.wanted & ~copied, settings.apart):
-        window = surroundings_of(part, MARGIN, MARGIN_MIN)
+        window = surroundings_of(part, SHOWN.margin, SHOWN.margin_min)
         if not known[window].any():
             window = (slice(None), slice(None))
         around = mirrored(image[window], known[window])
@@ -44,13 +45,6 @@ def fill_chart(chart: Chart, prior: Prior, seed: int, settings: OffsetSettings =
     return replace(
         chart, image=np.where((chart.known | chart.wanted)[..., None], image, 0.0).astype(np.float32)
     )
-
-
-MARGIN = 1.0
-"""Surroundings that a prior is shown [sizes of what it fills]."""
-
-MARGIN_MIN = 48
-"""Least surroundings that a prior is shown [texels]: some patches on each side."""
 
 
 def mirrored(image: np.ndarray, known: np.ndarray) -> np.ndarray:

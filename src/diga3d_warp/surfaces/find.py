@@ -13,13 +13,9 @@ from diga3d_warp.surfaces.layout import in_front, lay_out
 from diga3d_warp.surfaces.occupancy import Occupancy, occupancy
 from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.planes import find_planes, mean_eye
-from diga3d_warp.surfaces.settings import SURFACES, SurfaceSettings
+from diga3d_warp.surfaces.settings import LAYOUT, SURFACES, SurfaceSettings
 from diga3d_warp.surfaces.sweep import agreed_planes
 from diga3d_warp.surfaces.texture import textured
-
-GAP = 5
-"""Side of the square by which texels between the samples of pixels are taken in [texels]: a chart has the
-sampling of its finest photograph, and others skip up to some texels."""
 
 
 def find_charts(
@@ -65,7 +61,7 @@ def _decided(chart: Chart, state: Occupancy, hit: np.ndarray) -> Chart:
 
     seen = np.zeros(chart.known.shape, np.uint8)
     seen[hit[:, 0], hit[:, 1]] = 1
-    box = np.ones((GAP, GAP), np.uint8)
+    box = np.ones((LAYOUT.gap, LAYOUT.gap), np.uint8)
     shown = cv2.dilate(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, box), box) > 0
     wanted = state.solid & ~chart.known & shown & state.trusted
     alpha = (chart.known | wanted).astype(np.float32)

@@ -12,17 +12,8 @@ from diga3d_warp.surfaces.chart import Frame, frame_on, sized
 from diga3d_warp.surfaces.occupancy import occupancy
 from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.planes import Plane
-from diga3d_warp.surfaces.settings import SURFACES, SurfaceSettings
+from diga3d_warp.surfaces.settings import LAYOUT, SURFACES, SurfaceSettings
 from diga3d_warp.surfaces.votes import poll
-
-BEYOND = 0.25
-"""How far a surface may go on beyond the points that it was found by [widths of these]."""
-
-LEAST = 24
-"""Unseen pixels, of all views, that a chart must show; fewer are specks."""
-
-OUTLYING = 0.01
-"""Share of the unseen pixels on a chart that may lie outside its frame: those at grazing angles reach far."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +49,7 @@ def lay_out(
     hits = in_front([(each.frame, each.solid) for each in candidates], seeing, settings)
     frames = []
     for candidate, hit in zip(candidates, hits, strict=True):
-        if len(hit) >= LEAST:
+        if len(hit) >= LAYOUT.least:
             frames.append(_framed(candidate, hit, settings))
     return frames
 
@@ -70,7 +61,7 @@ def _candidate(
         return None
     first = frame_on(plane, camera, settings=settings)
     across = np.array(first.size[::-1]) * first.texel
-    pad = BEYOND * across
+    pad = LAYOUT.beyond * across
     frame = frame_on(plane, camera, first.low - pad, first.low + across + pad, settings=settings)
     polled = poll(photos, frame, settings)
     known, through = polled.occupied, polled.through
@@ -118,8 +109,8 @@ def in_front(
 def _framed(candidate: Candidate, hit: np.ndarray, settings: SurfaceSettings) -> Frame:
     frame = candidate.frame
     size = np.array(frame.size[::-1], np.float64)
-    first = np.quantile(hit, OUTLYING, axis=0)[::-1] - 1.0
-    last = np.quantile(hit, 1.0 - OUTLYING, axis=0)[::-1] + 2.0
+    first = np.quantile(hit, LAYOUT.outlying, axis=0)[::-1] - 1.0
+    last = np.quantile(hit, 1.0 - LAYOUT.outlying, axis=0)[::-1] + 2.0
     finest = float(np.sqrt(np.quantile(candidate.density[hit[:, 0], hit[:, 1]], 0.8)))  # pixels along it
     texel = frame.texel / max(finest, 1e-3)
     margin = max(settings.margin * float((last - first).max()), settings.margin_min * texel / frame.texel)

@@ -11,32 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from diga3d_warp.surfaces.membrane import membrane
-
-LINES = 200
-"""Random lines that are compared. With a third of the boundary on one edge, it is missed with probability
-below 1e-10."""
-
-EXPLAINED = 0.97
-"""Share of the texels around what is wanted that lines must put on their right side [1]; jagged rims of a
-splat's depth take two of a hundred."""
-
-NEAR = 2.0
-"""Distance from a line that counts as on it [texels]."""
-
-BOUNDARY_LEAST = 12
-"""Texels of boundary from which a line is fitted; fewer are a speck."""
-
-RING = 6
-"""How far around a part is looked at, at least [texels]: beyond the specks of a splat's depth."""
-
-AROUND = 0.35
-"""How far around a part is looked at [roots of its area]."""
-
-TOLD = 0.25
-"""Share of a part's surroundings of which photographs must say whether the surface is there [1]."""
-
-LARGEST = 160
-"""Longer side at which a boundary is continued smoothly [texels]; it has no finer detail."""
+from diga3d_warp.surfaces.settings import BOUNDARIES
 
 
 class Occupancy(NamedTuple):
@@ -92,7 +67,7 @@ def _borne_out(inside: np.ndarray, known: np.ndarray, through: np.ndarray, trust
     borne = np.zeros_like(inside)
     for number in range(1, count):
         left, top, width, height, area = stats[number].tolist()
-        reach = max(int(AROUND * np.sqrt(area)), RING)
+        reach = max(int(BOUNDARIES.around * np.sqrt(area)), BOUNDARIES.ring)
         window = (
             slice(max(top - reach, 0), top + height + reach),
             slice(max(left - reach, 0), left + width + reach),
@@ -102,7 +77,7 @@ def _borne_out(inside: np.ndarray, known: np.ndarray, through: np.ndarray, trust
         around = (cv2.dilate(part.astype(np.uint8), box) > 0) & ~part
         there, not_there = int((known[window] & around).sum()), int((through[window] & around).sum())
         told = there + not_there
-        if told >= TOLD * around.sum() and there >= trusted * told:
+        if told >= BOUNDARIES.told * around.sum() and there >= trusted * told:
             borne[window] |= part
     return borne
 
@@ -115,12 +90,12 @@ def _by_lines(known: np.ndarray, through: np.ndarray, wanted: np.ndarray, seed: 
     told = (known | through) & near
     inside = known & near
     share = float(inside.sum()) / max(int(told.sum()), 1)
-    if share > EXPLAINED:
+    if share > BOUNDARIES.explained:
         return np.ones_like(known)
     box = np.ones((3, 3), np.uint8)
     boundary = (cv2.dilate(through.astype(np.uint8), box) > 0) & inside
     rows, columns = np.nonzero(boundary)
-    if len(rows) < BOUNDARY_LEAST:
+    if len(rows) < BOUNDARIES.least:
         return None
     rng = np.random.default_rng(seed)
     points = np.stack([columns, rows], axis=1).astype(np.float64)
@@ -130,14 +105,14 @@ def _by_lines(known: np.ndarray, through: np.ndarray, wanted: np.ndarray, seed: 
         return None
     side = _side(first, places, inside, told)
     best, sides = _right(side, inside, told), side
-    off = np.abs(points @ first[0] - first[1]) > 2.0 * NEAR
-    second = _line(points[off], rng) if off.sum() >= BOUNDARY_LEAST else None
+    off = np.abs(points @ first[0] - first[1]) > 2.0 * BOUNDARIES.near
+    second = _line(points[off], rng) if off.sum() >= BOUNDARIES.least else None
     if second is not None:
         other = _side(second, places, inside, told & sides)
         for both in (sides & other, sides | _side(second, places, inside, told & ~sides)):
             if (right := _right(both, inside, told)) > best:
                 best, side = right, both
-    return side if best >= EXPLAINED else None
+    return side if best >= BOUNDARIES.explained else None
 
 
 def _near(wanted: np.ndarray) -> np.ndarray:
@@ -150,15 +125,15 @@ def _near(wanted: np.ndarray) -> np.ndarray:
 
 def _line(points: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float] | None:
     """Normal and offset of the line with most of the points (P, 2), fitted to these."""
-    ends = rng.integers(0, len(points), (LINES, 2))
+    ends = rng.integers(0, len(points), (BOUNDARIES.lines, 2))
     along = points[ends[:, 1]] - points[ends[:, 0]]
     length = np.linalg.norm(along, axis=1)
-    usable = length > 3.0 * NEAR
+    usable = length > 3.0 * BOUNDARIES.near
     if not usable.any():
         return None
     normals = np.stack([-along[usable, 1], along[usable, 0]], axis=1) / length[usable, None]
     offsets = (normals * points[ends[usable, 0]]).sum(axis=1)
-    on = np.abs(points @ normals.T - offsets) < NEAR
+    on = np.abs(points @ normals.T - offsets) < BOUNDARIES.near
     chosen = points[on[:, int(on.sum(axis=0).argmax())]]
     middle = chosen.mean(axis=0)
     normal = np.linalg.svd(chosen - middle, full_matrices=False)[2][1]
@@ -183,7 +158,7 @@ def _smoothly(known: np.ndarray, through: np.ndarray) -> np.ndarray:
     import cv2
 
     height, width = known.shape
-    shrink = max(max(height, width) / LARGEST, 1.0)
+    shrink = max(max(height, width) / BOUNDARIES.longest, 1.0)
     size = (max(round(width / shrink), 1), max(round(height / shrink), 1))
     on = cv2.resize(known.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     off = cv2.resize(through.astype(np.float32), size, interpolation=cv2.INTER_AREA)

@@ -11,23 +11,7 @@ from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.placement import Pixels, pixel_rays
 from diga3d_warp.surfaces.bend import Bend, fit_bend
 from diga3d_warp.surfaces.evidence import Evidence
-from diga3d_warp.surfaces.settings import SURFACES, SurfaceSettings
-
-CHECKED = 3000
-"""Points on which random planes are compared; a share of a twentieth is then known to 8 %."""
-
-SEARCHES = 3
-"""Searches for each plane that may be found: some find chance alignments."""
-
-BENT_MOST = 6.0
-"""Farthest from the plane that a bent surface is looked for [tolerances]."""
-
-CELLS = 400
-"""Cells across the points of a plane, at most, in which it is told what hangs together."""
-
-NEAREST = 24
-"""Neighbours among which the corners of a random plane are drawn: three at random of a whole room seldom lie
-on one surface."""
+from diga3d_warp.surfaces.settings import BENDS, SEARCH, SURFACES, SurfaceSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +72,10 @@ def find_planes(
         bends: Whether to look for surfaces with a height over their plane. Few points bend by chance.
     """
     rng = np.random.default_rng(seed)
-    least = max(int(settings.plane_share * len(evidence)), NEAREST)
+    least = max(int(settings.plane_share * len(evidence)), SEARCH.nearest)
     planes: list[Plane] = []
     left = evidence
-    for _ in range(SEARCHES * settings.planes):
+    for _ in range(SEARCH.searches * settings.planes):
         if len(planes) == settings.planes or len(left) < least:
             break
         found = _best(left, rng, settings)
@@ -128,7 +112,7 @@ def _joined(evidence: Evidence, inside: np.ndarray, settings: SurfaceSettings) -
     places = (points - middle) @ axes.T
     cell = settings.joined * float(np.median(evidence.depths[rows]))
     low = places.min(axis=0)
-    cell = max(cell, float(np.ptp(places, axis=0).max()) / CELLS, 1e-300)
+    cell = max(cell, float(np.ptp(places, axis=0).max()) / SEARCH.cells, 1e-300)
     at = np.floor((places - low) / cell).astype(int)
     taken = np.zeros(at.max(axis=0) + 1, np.uint8)
     taken[at[:, 0], at[:, 1]] = 1
@@ -147,7 +131,7 @@ def _bent(plane: Plane, evidence: Evidence, settings: SurfaceSettings) -> Plane:
     """The surface with a height over its plane, where that explains clearly more of what hangs together."""
     scales = settings.tolerance * evidence.depths
     facing = _facing(plane.normal, evidence) >= settings.tilt
-    near = facing & (np.abs(plane.distances(evidence.points)) < BENT_MOST * scales)
+    near = facing & (np.abs(plane.distances(evidence.points)) < BENDS.farthest * scales)
     near = _joined(evidence, near, settings)
     flat = _joined(evidence, near & (np.abs(plane.distances(evidence.points)) < scales), settings)
     if near.sum() < (1.0 + settings.curved_gain) * flat.sum():
@@ -168,7 +152,7 @@ def _best(
     deep = np.asarray(evidence.normals.any(axis=1))  # sparse points have no normal
     checked = evidence.select(np.concatenate([_some(deep, rng), _some(~deep, rng)]))
     first = rng.integers(0, len(checked), settings.trials)
-    count = min(NEAREST, len(checked))
+    count = min(SEARCH.nearest, len(checked))
     _, near = cKDTree(checked.points).query(checked.points[first], k=np.arange(1, count + 1))
     far = rng.integers(0, len(checked), (settings.trials, 2))
     close = near[np.arange(settings.trials)[:, None], rng.integers(0, count, (settings.trials, 2))]
@@ -193,18 +177,18 @@ def _best(
     votes &= facing >= settings.tilt
     # Depth is everywhere, and sparse points are where they are because photographs agree on them.
     shares = votes[~sparse].sum(axis=0) / max(int((~sparse).sum()), 1)
-    if sparse.sum() >= NEAREST:
+    if sparse.sum() >= SEARCH.nearest:
         shares = shares + votes[sparse].sum(axis=0) / sparse.sum()
     best = int(np.argmax(shares))
     return normals[best], float(offsets[best])
 
 
 def _some(rows: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Indices of some of the rows, `CHECKED` at most."""
+    """Indices of some of the rows, `SEARCH.checked` at most."""
     indices = np.flatnonzero(rows)
-    if len(indices) <= CHECKED:
+    if len(indices) <= SEARCH.checked:
         return indices
-    return np.sort(rng.choice(indices, CHECKED, replace=False))
+    return np.sort(rng.choice(indices, SEARCH.checked, replace=False))
 
 
 def _facing(normal: np.ndarray, evidence: Evidence) -> np.ndarray:
@@ -229,7 +213,7 @@ def _fitted(evidence: Evidence, inside: np.ndarray, eye: np.ndarray, settings: S
         normal = np.linalg.svd(spread, full_matrices=False)[2][2]
         offset = float(normal @ middle)
         again = _on((normal, offset), evidence, settings)
-        if again.sum() < NEAREST or (again == inside).all():
+        if again.sum() < SEARCH.nearest or (again == inside).all():
             break
         inside = again
     if normal @ eye < offset:

@@ -32,6 +32,7 @@ class SurfaceSettings:
             depth by a tenth where it is seen at 6 degrees.
         votes: Side of the square over which photographs' votes on a texel are summed [texels]: the depth of a
             splat has specks of some pixels.
+        farthest: Depth from which nothing is a surface [medians of a view's depth]: a splat's sky.
         tilt: Least cosine between the normal of a depth map and that of a plane that the point lies on [1].
             Normals of a splat's depth waver by up to 40 degrees.
         trials: Random planes per search (RANSAC, Fischler and Bolles 1981). With a fifth of the points on a
@@ -79,6 +80,7 @@ class SurfaceSettings:
     through: float = 0.06
     off: float = 0.01
     votes: int = 5
+    farthest: float = 1e6
     tilt: float = 0.75
     trials: int = 400
     planes: int = 6
@@ -107,6 +109,125 @@ class SurfaceSettings:
 
 
 SURFACES = SurfaceSettings()
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Effort of the search for planes.
+
+    Attributes:
+        checked: Points on which random planes are compared; a share of a twentieth is then known to 8 %.
+        searches: Searches for each plane that may be found: some find chance alignments.
+        cells: Cells across the points of a plane, at most, in which it is told what hangs together.
+        nearest: Neighbours among which the corners of a random plane are drawn: three at random of a whole
+            room seldom lie on one surface.
+    """
+
+    checked: int = 3000
+    searches: int = 3
+    cells: int = 400
+    nearest: int = 24
+
+
+SEARCH = SearchSettings()
+
+
+@dataclass(frozen=True)
+class BendSettings:
+    """Surfaces with a height over their plane.
+
+    Attributes:
+        farthest: Distance from the plane up to which points of such a surface are looked for [tolerances].
+        huber: Distance from the surface from which points pull less [tolerances]: half of a fit's points may
+            be the next surface's.
+        rounds: Rounds of reweighting; the height settles in three or four.
+        steps: Fixed-point steps in which a ray meets the surface: each leaves about the slope of the height,
+            below a quarter, of the error.
+    """
+
+    farthest: float = 6.0
+    huber: float = 1.5
+    rounds: int = 6
+    steps: int = 4
+
+
+BENDS = BendSettings()
+
+
+@dataclass(frozen=True)
+class BoundarySettings:
+    """Where a surface ends in what nobody saw.
+
+    Attributes:
+        lines: Random lines that are compared. With a third of the boundary on one edge, it is missed with
+            probability below 1e-10.
+        explained: Share of the texels around what is wanted that lines must put on their right side [1];
+            jagged rims of a splat's depth take two of a hundred.
+        near: Distance from a line that counts as on it [texels].
+        least: Texels of boundary from which a line is fitted; fewer are a speck.
+        ring: How far around a part is looked at, at least [texels]: beyond the specks of a splat's depth.
+        around: How far around a part is looked at [roots of its area].
+        told: Share of a part's surroundings of which photographs must say whether the surface is there [1].
+        longest: Longer side at which a boundary is continued smoothly [texels]; it has no finer detail.
+    """
+
+    lines: int = 200
+    explained: float = 0.97
+    near: float = 2.0
+    least: int = 12
+    ring: int = 6
+    around: float = 0.35
+    told: float = 0.25
+    longest: int = 160
+
+
+BOUNDARIES = BoundarySettings()
+
+
+@dataclass(frozen=True)
+class LayoutSettings:
+    """Which part of a surface becomes a chart.
+
+    Attributes:
+        coarse: Texels on the longer side of a chart whose resolution nobody has asked for.
+        beyond: How far a surface may go on beyond the points that it was found by [widths of these].
+        least: Unseen pixels, of all views, that a chart must show; fewer are specks.
+        outlying: Share of the unseen pixels on a chart that may lie outside its frame [1]: those at grazing
+            angles reach far.
+        gap: Side of the square by which texels between the samples of pixels are taken in [texels]: a chart
+            has the sampling of its finest photograph, and others skip up to some texels.
+    """
+
+    coarse: int = 128
+    beyond: float = 0.25
+    least: int = 24
+    outlying: float = 0.01
+    gap: int = 5
+
+
+LAYOUT = LayoutSettings()
+
+
+@dataclass(frozen=True)
+class ShownSettings:
+    """How charts are filled by a prior, drawn, and set with gaussians.
+
+    Attributes:
+        margin: Surroundings that a prior is shown [sizes of what it fills].
+        margin_min: Least surroundings that a prior is shown [texels]: some patches on each side.
+        anisotropy: Longest footprint of a pixel that is averaged over, in texels of its level [1]: GPUs offer
+            8 or 16.
+        flatness: Thickness of a gaussian on a chart [its widths]. A disc cannot be lit from beside; a needle
+            through the surface would show from other sides.
+    """
+
+    margin: float = 1.0
+    margin_min: int = 48
+    anisotropy: float = 8.0
+    flatness: float = 0.2
+
+
+SHOWN = ShownSettings()
 
 
 @dataclass(frozen=True)

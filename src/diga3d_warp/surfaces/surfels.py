@@ -11,11 +11,7 @@ from diga3d_warp.gaussians.initialise import FILL_OPACITY, FILL_WIDTH
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.kernels.harmonics import C0
 from diga3d_warp.surfaces.chart import Chart
-from diga3d_warp.surfaces.settings import SURFACES, SurfaceSettings
-
-FLATNESS = 0.2
-"""Thickness of a gaussian on a chart [its widths]. A disc cannot be lit from beside; a needle through the
-surface would show from other sides."""
+from diga3d_warp.surfaces.settings import SHOWN, SURFACES, SurfaceSettings
 
 
 def surfels(
@@ -47,7 +43,7 @@ def _discs(chart: Chart, filled: np.ndarray, step: int, coefficients: int) -> Ga
     rows, columns = rows[first], columns[first]
     count = len(rows)
     width = FILL_WIDTH * step * chart.frame.texel
-    scales = np.log(np.maximum([width, width, FLATNESS * width], np.finfo(np.float64).tiny))
+    scales = np.log(np.maximum([width, width, SHOWN.flatness * width], np.finfo(np.float64).tiny))
     turned = chart.frame.axes.copy()
     if np.linalg.det(turned) < 0.0:  # a disc looks the same from both sides
         turned[2] *= -1.0
