@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from diga3d_warp.cli.parsing import Commands, path, positive_int, seed
+from diga3d_warp.cli.parsing import Commands, path, positive_int, seed, share
 from diga3d_warp.scene.synthetic.situations.catalogue import SITUATIONS
 
 
@@ -31,6 +31,12 @@ def add_trials(commands: Commands) -> None:
     synthetic.add_argument("--height", type=positive_int, default=240, metavar="PX")
     synthetic.add_argument("--views", type=positive_int, default=24, metavar="N")
     synthetic.add_argument("--no-shadows", action="store_true", help="the object casts no shadow")
+    synthetic.add_argument(
+        "--gloss",
+        type=share,
+        metavar="R",
+        help="reflectance of what the object stands on, seen from above: it mirrors the object",
+    )
     synthetic.add_argument("--seed", type=seed, default=0, metavar="N")
 
     demo = commands.add(
@@ -46,12 +52,25 @@ def _doctor() -> int:
 
 
 def _synthetic(
-    out: Path, situation: str | None, width: int, height: int, views: int, no_shadows: bool, seed: int
+    out: Path,
+    situation: str | None,
+    width: int,
+    height: int,
+    views: int,
+    no_shadows: bool,
+    gloss: float | None,
+    seed: int,
 ) -> int:
     from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
 
     settings = SyntheticScene(
-        width=width, height=height, views=views, shadows=not no_shadows, seed=seed, situation=situation
+        width=width,
+        height=height,
+        views=views,
+        shadows=not no_shadows,
+        seed=seed,
+        situation=situation,
+        gloss=gloss,
     )
     print(generate(settings, out, progress=True))
     return 0

@@ -21,6 +21,9 @@ from diga3d_warp.scene.synthetic.room import room_scenery
 from diga3d_warp.scene.synthetic.shots import Shot, Stage, set_stage, take, take_alone
 from diga3d_warp.scene.synthetic.situations.catalogue import SITUATIONS, build_situation
 
+UNEVEN = ("lawn",)
+"""Situations whose support is not level."""
+
 TEST_VIEWS = 6
 """Views of a situation without the object, from elsewhere."""
 
@@ -37,6 +40,8 @@ class SyntheticScene:
         seed: Of textures, small things in the room, camera positions and sampling noise.
         supersampling: Rays per pixel and axis.
         situation: One of `SITUATIONS`; None for the room with a vase.
+        gloss: Reflectance of the floor, table top or board that the object stands on, seen from straight
+            above, in [0, 1]: it mirrors the object, within no mask. None for a matte one.
 
     Raises:
         InputError: a size or a number is too small to make a capture, or no situation has that name.
@@ -49,6 +54,7 @@ class SyntheticScene:
     seed: int = 0
     supersampling: int = 2
     situation: str | None = None
+    gloss: float | None = None
 
     def __post_init__(self) -> None:
         if self.width < 16 or self.height < 16:
@@ -63,6 +69,10 @@ class SyntheticScene:
             raise InputError(f"seed {self.seed} is negative: use 0 or more")
         if self.situation is not None and self.situation not in SITUATIONS:
             raise InputError(f"no situation is called {self.situation!r}: use one of {', '.join(SITUATIONS)}")
+        if self.gloss is not None and not 0.0 <= self.gloss <= 1.0:
+            raise InputError(f"gloss {self.gloss} is no reflectance: use 0 to 1")
+        if self.gloss is not None and self.situation in UNEVEN:
+            raise InputError(f"{self.situation} has no level support that could mirror: leave out the gloss")
 
 
 def generate(settings: SyntheticScene, folder: Path | str, progress: bool = False) -> Path:
@@ -108,7 +118,7 @@ def _write_capture(settings: SyntheticScene, folder: Path, progress: bool) -> No
         situation = build_situation(settings.situation, settings.seed)
         scenery, paths = situation.scenery, np.random.default_rng([settings.seed, 2])
         cameras = situation.orbit.cameras(*size, settings.views, paths)
-    stage = set_stage(scenery, settings.seed, settings.shadows)
+    stage = set_stage(scenery, settings.seed, settings.shadows, settings.gloss)
     points = []
     for name, camera in tqdm(cameras.items(), "rendering", unit="view", disable=not progress):
         shot = take(stage, camera, settings.supersampling, rng)

@@ -91,6 +91,7 @@ class Rays:
         slant: z depth per distance along the ray of each pixel's centre, shape (H, W), float32.
         spread: Width of a supersampling ray's share of the image at distance 1.
         grid: Supersampling rays per axis of a pixel.
+        travelled: Length of their way before the origins [m], shape (R,); None where it starts there.
     """
 
     origins: wp.array
@@ -98,6 +99,7 @@ class Rays:
     slant: np.ndarray
     spread: float
     grid: int
+    travelled: np.ndarray | None = None
 
     def towards(self, body: Body, camera: Camera) -> np.ndarray:
         """Indices of the rays that may meet a body: those of the pixels about its projected corners."""
@@ -117,7 +119,10 @@ class Rays:
             part: wp.array = wp.array(array.numpy()[indices], dtype=wp.vec3, device=DEVICE)
             return part
 
-        return replace(self, origins=chosen(self.origins), directions=chosen(self.directions))
+        travelled = None if self.travelled is None else self.travelled[indices]
+        return replace(
+            self, origins=chosen(self.origins), directions=chosen(self.directions), travelled=travelled
+        )
 
 
 def camera_rays(camera: Camera, grid: int) -> Rays:
@@ -146,8 +151,12 @@ def camera_rays(camera: Camera, grid: int) -> Rays:
 
 
 def cast(body: Body, rays: Rays) -> Hits:
-    """Where the rays of a camera meet a body."""
-    return nearest_hits(body.mesh, rays.origins, rays.directions)
+    """Where the rays of a camera meet a body; distances are those of their whole way."""
+    hits = nearest_hits(body.mesh, rays.origins, rays.directions)
+    if rays.travelled is None:
+        return hits
+    whole: wp.array = wp.array(hits.distance.numpy() + rays.travelled, dtype=float, device=DEVICE)
+    return hits._replace(distance=whole)
 
 
 def developed(linear: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

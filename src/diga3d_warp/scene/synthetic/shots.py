@@ -12,6 +12,7 @@ from numpy.random import Generator
 from diga3d_warp.kernels.raycast import Hits
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.scene import Points
+from diga3d_warp.scene.synthetic.gloss import Mirror, level_faces
 from diga3d_warp.scene.synthetic.lighting import corner_light
 from diga3d_warp.scene.synthetic.rendering import Body, Rays, Textures, camera_rays, cast, developed
 from diga3d_warp.scene.synthetic.scenery import Scenery
@@ -33,6 +34,8 @@ class Stage:
         room_alone, room_with_object, room_with_other: Tinted light on the surroundings; one array where the
             objects cast no shadows.
         on_object, on_other_object, on_other_material: Tinted light on the objects.
+        level: Which faces of the surroundings mirror, shape (F,); None if none does.
+        gloss: Reflectance of these, see `gloss.Mirror`.
     """
 
     room: Body
@@ -45,6 +48,8 @@ class Stage:
     on_object: wp.array
     on_other_object: wp.array
     on_other_material: wp.array
+    level: np.ndarray | None = None
+    gloss: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,13 +108,14 @@ class Lit:
         return self.body.tinted(np.concatenate([received, self._far]))
 
 
-def set_stage(scenery: Scenery, seed: int, shadows: bool) -> Stage:
+def set_stage(scenery: Scenery, seed: int, shadows: bool, gloss: float | None = None) -> Stage:
     """Light a scenery in each of its cases.
 
     Args:
         scenery: Surfaces and light.
         seed: Of textures and sampling noise.
         shadows: Whether the object darkens and colours its surroundings.
+        gloss: Reflectance of the level surfaces at the object's foot; None if they are matte.
     """
     thing, other, recast = scenery.thing, scenery.other_object, scenery.other_material
     lit = Lit(scenery, [thing, other, recast], seed)
@@ -130,7 +136,17 @@ def set_stage(scenery: Scenery, seed: int, shadows: bool) -> Stage:
         on_other_object=other_body.tinted(on_other),
         # The same shape in another material: only the object itself changes, not what it sends to the room.
         on_other_material=recast_body.tinted(on_object),
+        level=None if gloss is None else _level(lit.body, scenery),
+        gloss=gloss or 0.0,
     )
+
+
+def _level(body: Body, scenery: Scenery) -> np.ndarray:
+    """Which faces of the surroundings with their backdrop mirror."""
+    level = np.zeros(len(body.mesh.indices) // 3, bool)
+    found = level_faces(scenery.surroundings)
+    level[: len(found)] = found
+    return level
 
 
 def take(stage: Stage, camera: Camera, supersampling: int, rng: Generator) -> Shot:
@@ -149,6 +165,10 @@ def take(stage: Stage, camera: Camera, supersampling: int, rng: Generator) -> Sh
     alone, with_object, with_other = _colors_by_light(
         stage.room, hits, rays, [stage.room_alone, stage.room_with_object, stage.room_with_other]
     )
+    recast = with_object
+    if stage.level is not None:
+        mirror = Mirror(rays, hits, stage.level, stage.gloss)
+        alone, with_object, with_other, recast = _mirrored(stage, mirror, alone, with_object, with_other)
     thing, other = (Front(body, camera, rays, behind) for body in (stage.object, stage.other_object))
     image = developed(thing.over(with_object, stage.object, stage.on_object), shape)
 
@@ -162,9 +182,7 @@ def take(stage: Stage, camera: Camera, supersampling: int, rng: Generator) -> Sh
         image=image,
         without_object=developed(alone, shape),
         other_object=developed(other.over(with_other, stage.other_object, stage.on_other_object), shape),
-        other_material=developed(
-            thing.over(with_object, stage.other_material, stage.on_other_material), shape
-        ),
+        other_material=developed(thing.over(recast, stage.other_material, stage.on_other_material), shape),
         mask=np.any(thing.shown.reshape(-1, *shape), axis=0),
         depth=distance.reshape(shape) * rays.slant,
         depth_without_object=behind[:centers].reshape(shape) * rays.slant,
@@ -177,8 +195,40 @@ def take_alone(stage: Stage, camera: Camera, supersampling: int) -> tuple[np.nda
     shape = (camera.height, camera.width)
     rays = camera_rays(camera, supersampling)
     hits = cast(stage.room, rays)
-    image = developed(stage.room.colors(hits, stage.room_alone, rays.spread), shape)
+    colors = stage.room.colors(hits, stage.room_alone, rays.spread)
+    if stage.level is not None:
+        mirror = Mirror(rays, hits, stage.level, stage.gloss)
+        below = cast(stage.room, mirror.rays)
+        colors = mirror.mixed(colors, stage.room.colors(below, stage.room_alone, rays.spread))
+    image = developed(colors, shape)
     return image, hits.distance.numpy()[: camera.height * camera.width].reshape(shape) * rays.slant
+
+
+def _mirrored(
+    stage: Stage, mirror: Mirror, alone: np.ndarray, with_object: np.ndarray, with_other: np.ndarray
+) -> list[np.ndarray]:
+    """Linear colours of the surroundings with the mirror images in them, each of shape (R, 3).
+
+    Args:
+        stage: The lit scenery.
+        mirror: Its support.
+        alone, with_object, with_other: The surroundings without, by what stands in them.
+
+    Returns:
+        Alone, with the object, with the other object, and with the object in the other material.
+    """
+    hits = cast(stage.room, mirror.rays)
+    behind = hits.distance.numpy()
+    room, beside_object, beside_other = _colors_by_light(
+        stage.room, hits, mirror.rays, [stage.room_alone, stage.room_with_object, stage.room_with_other]
+    )
+    thing, other = (Front(body, None, mirror.rays, behind) for body in (stage.object, stage.other_object))
+    return [
+        mirror.mixed(alone, room),
+        mirror.mixed(with_object, thing.over(beside_object, stage.object, stage.on_object)),
+        mirror.mixed(with_other, other.over(beside_other, stage.other_object, stage.on_other_object)),
+        mirror.mixed(with_object, thing.over(beside_object, stage.other_material, stage.on_other_material)),
+    ]
 
 
 class Front:
@@ -186,7 +236,7 @@ class Front:
 
     Args:
         body: The object.
-        camera, rays: Where it is seen from.
+        camera, rays: Where it is seen from; without the camera all rays may meet it.
         behind: Distance along each ray of what stays, shape (R,).
 
     Attributes:
@@ -194,8 +244,8 @@ class Front:
         nearest: Distance of what each ray meets first, shape (R,).
     """
 
-    def __init__(self, body: Body, camera: Camera, rays: Rays, behind: np.ndarray) -> None:
-        rays_there = rays.towards(body, camera)
+    def __init__(self, body: Body, camera: Camera | None, rays: Rays, behind: np.ndarray) -> None:
+        rays_there = np.arange(len(behind)) if camera is None else rays.towards(body, camera)
         hits = cast(body, rays.part(rays_there))
         distance = hits.distance.numpy()
         front = distance < behind[rays_there]
