@@ -13,6 +13,7 @@ from diga3d_warp.surfaces.photo import Photo
 
 WIDTH, HEIGHT, FOCAL = 128, 96, 110.0
 EYES = [(0.0, -2.6, 2.2), (1.0, -2.4, 2.1), (-0.9, -2.5, 2.3), (0.5, -2.8, 1.9)]
+ROUND = [*EYES, (1.6, -1.9, 2.2), (-1.7, -1.8, 2.0), (2.2, 0.6, 2.1), (-2.1, 0.8, 2.3)]
 HOLE = 0.4
 """Radius of what nobody saw [m]."""
 
@@ -28,6 +29,12 @@ def checks(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Soft red and blue checks of 0.5 m, RGB."""
     wave = 0.5 + 0.4 * np.sin(2 * np.pi * x / 0.5) * np.sin(2 * np.pi * y / 0.5)
     return np.stack([wave, np.full_like(wave, 0.3), 1.0 - wave], axis=-1)
+
+
+def tiles(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Grey tiles of 0.45 m with dark joints."""
+    joint = np.minimum(np.abs(x / 0.45 % 1.0 - 0.5), np.abs(y / 0.45 % 1.0 - 0.5)) < 0.06
+    return np.where(joint[..., None], 0.35, 0.75) * np.ones(3)
 
 
 def level(camera: Camera, height: float) -> np.ndarray:

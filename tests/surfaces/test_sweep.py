@@ -15,16 +15,9 @@ from diga3d_warp.surfaces.find import find_charts
 from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.planes import Plane
 from diga3d_warp.surfaces.sweep import agreed_planes
-from tabletop import EYES, HOLE, camera_at, photos, truth
+from tabletop import EYES, HOLE, ROUND, camera_at, photos, tiles, truth
 
-ROUND = [*EYES, (1.6, -1.9, 2.2), (-1.7, -1.8, 2.0), (2.2, 0.6, 2.1), (-2.1, 0.8, 2.3)]
 FLOOR = Plane(np.array([0.0, 0.0, 1.0]), 0.0, np.zeros((0, 3)))
-
-
-def tiles(x, y):
-    """Grey tiles of 0.45 m with dark joints."""
-    joint = np.minimum(np.abs(x / 0.45 % 1.0 - 0.5), np.abs(y / 0.45 % 1.0 - 0.5)) < 0.06
-    return np.where(joint[..., None], 0.35, 0.75) * np.ones(3)
 
 
 def glossy() -> list[Photo]:

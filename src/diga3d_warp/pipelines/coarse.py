@@ -22,7 +22,7 @@ from diga3d_warp.pipelines.own_fills import NO_FILLS, Fills
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.propagation.appearance import propagate_appearance
-from diga3d_warp.propagation.charted import chart_view, photo_of
+from diga3d_warp.propagation.charted import chart_views, shown_by
 from diga3d_warp.propagation.fill import Fill, fill_references, warp_fills
 from diga3d_warp.propagation.references import References
 from diga3d_warp.propagation.unseen import Background
@@ -58,7 +58,7 @@ def fill_views(
     given = {i: own[view.name] / np.float32(255.0) for i, view in enumerate(views) if view.name in own}
 
     def compute(folder: Path) -> None:
-        charted = [chart_view(*each, charts) for each in zip(views, backgrounds, depths, strict=True)]
+        charted = chart_views(views, backgrounds, depths, charts)
         left, surfaces = [each.background for each in charted], [each.depth for each in charted]
         fills = fill_references(
             cameras, left, surfaces, references, prior, seed, together=together, own=given
@@ -119,8 +119,11 @@ def estimate_depth(
 
     def compute(folder: Path) -> None:
         found = []
-        for view, background, depth, fill in zip(views, backgrounds, depths, fills, strict=True):
-            open_ = fill.filled & ~chart_view(view, background, depth, charts).shown
+        charted = chart_views(views, backgrounds, depths, charts)
+        for view, background, depth, fill, each in zip(
+            views, backgrounds, depths, fills, charted, strict=True
+        ):
+            open_ = fill.filled & ~each.shown
             if open_.any():
                 around = torch.from_numpy(~background.unseen)
                 try:
@@ -187,7 +190,8 @@ def refit(
 
     def compute(folder: Path) -> None:
         start = cleared.gaussians
-        photos = [photo_of(*each) for each in zip(views, backgrounds, depths, strict=True)]
+        charted = chart_views(views, backgrounds, depths, charts)
+        photos = [shown_by(view, each, charts) for view, each in zip(views, charted, strict=True)]
         coefficients = start.sh.shape[1]
         seeds = [*surfels(charts, coefficients), *seeds_of(views, fills, references, coefficients)]
         for added in seeds:

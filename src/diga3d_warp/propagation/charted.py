@@ -16,6 +16,7 @@ from diga3d_warp.propagation.unseen import OPAQUE, Background
 from diga3d_warp.scene.scene import View
 from diga3d_warp.surfaces.chart import Chart
 from diga3d_warp.surfaces.compose import compose
+from diga3d_warp.surfaces.consistency import consistent, smoothed
 from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.settings import AGREEMENT, SURFACES
 
@@ -55,14 +56,31 @@ def photo_of(view: View, background: Background, depth: np.ndarray) -> Photo:
     return Photo(view.camera, view.pixels, depth, known, background.unseen)
 
 
-def chart_view(view: View, background: Background, depth: np.ndarray, charts: Sequence[Chart]) -> Charted:
+def chart_views(
+    views: Sequence[View],
+    backgrounds: Sequence[Background],
+    depths: Sequence[np.ndarray],
+    charts: Sequence[Chart],
+) -> list[Charted]:
+    """Put charts into the holes of all views; arguments as `chart_view`, one each per view."""
+    seen = list(zip(views, backgrounds, depths, strict=True))
+    photos = [photo_of(*each) for each in seen]
+    return [chart_view(*each, charts, photos) for each in seen]
+
+
+def chart_view(
+    view: View, background: Background, depth: np.ndarray, charts: Sequence[Chart], photos: Sequence[Photo]
+) -> Charted:
     """Put charts into a view's hole, in the tone that the view itself has around it.
+
+    What other photographs show in front of a chart keeps their colours.
 
     Args:
         view: The photograph.
         background: What is known behind the object.
         depth: z of the splat without the object [scene units], shape (H, W); 0 where it shows nothing.
         charts: Filled ones.
+        photos: All views, from `photo_of`.
     """
     unseen = background.unseen
     nothing = Charted(background, depth, np.zeros_like(unseen))
@@ -73,10 +91,12 @@ def chart_view(view: View, background: Background, depth: np.ndarray, charts: Se
     trusted = np.array([*(chart.trusted for chart in charts), False])
     same = np.abs(layer.depth - depth) <= SURFACES.agree * layer.depth
     agreed = np.array([*(chart.frame.agreed for chart in charts), False])
-    same |= agreed[layer.chart] & _alike(layer.image, background.image)
-    # What was looked up behind the object by depth that is wrong is not better known than the chart.
-    doubtful = np.array([*(not chart.deep for chart in charts), False])
-    hole = unseen | (background.observed & doubtful[layer.chart])
+    # What was looked up behind the object by depth that is wrong is not better known than the chart, unless
+    # it does not lie behind it, and photographs bear it out.
+    looked_up = background.observed & _doubtful(charts)[layer.chart]
+    nearer = looked_up & (depth <= (1.0 + SURFACES.agree) * layer.depth)
+    hole = unseen | (looked_up & ~consistent(photo_of(view, background, depth), nearer, photos, layer.image))
+    same |= agreed[layer.chart] & _alike(layer.image, background.image, ~hole)
     shown = _bordered(hole & trusted[layer.chart], layer.chart, same, ~hole)
     if not shown.any():
         return nothing
@@ -91,12 +111,34 @@ def chart_view(view: View, background: Background, depth: np.ndarray, charts: Se
     )  # fmt: skip
 
 
-def _alike(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Where two images (H, W, 3) are alike up to tone, shape (H, W), bool."""
-    import cv2
+def shown_by(view: View, charted: Charted, charts: Sequence[Chart]) -> Photo:
+    """A view as gaussians on charts are held against it.
 
-    off = cv2.blur(one - other.astype(np.float32), (5, 5))
-    return np.abs(off).max(axis=2) <= 2.0 * AGREEMENT.tone
+    Its depth is that of charts where they show, and where the splat's depth is wrong on a chart that the
+    photograph shows.
+
+    Args:
+        view: The photograph.
+        charted: The same with charts.
+        charts: Filled ones.
+    """
+    photo = photo_of(view, charted.background, charted.depth)
+    if all(chart.deep for chart in charts):
+        return photo
+    layer = compose(charts, view.camera)
+    on = _doubtful(charts)[layer.chart] & _alike(layer.image, charted.background.image, photo.known)
+    return replace(photo, depth=np.where(on, layer.depth, photo.depth).astype(np.float32))
+
+
+def _doubtful(charts: Sequence[Chart]) -> np.ndarray:
+    """On which charts the splat's depth is wrong, shape (N + 1,), bool; the last stands for no chart."""
+    return np.array([*(not chart.deep for chart in charts), False])
+
+
+def _alike(one: np.ndarray, other: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Where two images (H, W, 3) are alike up to tone, by what is known (H, W), shape (H, W), bool."""
+    off = smoothed(one - other, known)
+    return known & (np.abs(off).max(axis=2) <= 2.0 * AGREEMENT.tone)
 
 
 def _bordered(shown: np.ndarray, chart: np.ndarray, same: np.ndarray, known: np.ndarray) -> np.ndarray:

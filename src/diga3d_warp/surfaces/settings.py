@@ -238,6 +238,10 @@ class AgreementSettings:
         views: Photographs that are compared. More only cost: the median of a dozen is steady.
         views_least: Photographs that must show a texel [1]: two agree by chance, and of two the median is the
             mean.
+        witnesses: Photographs that must show a thing in front of a surface whose depth is poor [1], as
+            `propagation.unseen` asks of what it looks up behind the object: one may be fooled by a floater.
+        apart: Least difference of a thing in front of such a surface from it [differences of photographs of
+            the thing, inverted]: with less, photographs do not agree on the thing.
         window: Side of the window whose mean brightness is taken off [texels].
         grown: Sides of the windows in which contrast is looked for, one after another [windows].
         contrast: Mean square contrast from which a window tells something [squares of brightness in [0, 1]]:
@@ -272,6 +276,8 @@ class AgreementSettings:
 
     views: int = 12
     views_least: int = 3
+    witnesses: int = 2
+    apart: float = 0.5
     window: int = 9
     grown: tuple[float, ...] = (1.0, 2.3, 5.0)
     contrast: float = (3.0 / 255.0) ** 2
