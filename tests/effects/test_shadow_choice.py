@@ -39,7 +39,9 @@ def test_it_is_looked_for_only_where_an_object_is_taken_out():
     assert not found.effects.shadow
     assert [choice.effect for choice in found.choices] == [choice.effect for choice in plan.choices]
     assert EffectsPlan.from_json(found.as_json()) == found
-    assert not plan_effects(scene, takes_out=True, overrides={"shadow": False}).effects.shadow
+    denied = plan_effects(scene, takes_out=True, overrides={"shadow": False})
+    assert not denied.effects.shadow
+    assert ["shadow", "off", "user", "not looked for"] in [choice.cells()[:4] for choice in denied.choices]
 
 
 def test_auto_is_what_is_not_named():

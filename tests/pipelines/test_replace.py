@@ -13,10 +13,12 @@ from tiny_removal import SETTINGS, stage_splat
 
 from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.pipelines.replace import SETTLE, ReplaceSettings, replace_object
+from diga3d_warp.pipelines.replace import GROW, SETTLE, ReplaceSettings, replace_object
 from diga3d_warp.pipelines.run import Run
 
-QUICK = ReplaceSettings(removal=SETTINGS, settle=with_changes(SETTLE, iterations=30))
+QUICK = ReplaceSettings(
+    removal=SETTINGS, settle=with_changes(SETTLE, iterations=30), grow=with_changes(GROW, iterations=30)
+)
 
 REMOVAL = ["effects", "fit", "lift", "shadow", "clear", "look-behind", "charts", "references", "fill"]
 REMOVAL += ["propagate", "refit", "distil"]
@@ -118,3 +120,24 @@ def test_a_splat_takes_the_place(removed, tmp_path):
     for view in removed.scene.test_views:
         after = picture(result.run.folder, f"views/after/{view.name}.png")
         assert ((after[..., 2] - after[..., 0]) > 0.3).mean() > 0.01
+
+
+def test_views_that_the_user_filled_show_the_new_object_and_decide_on_the_shadow(removed, tmp_path):
+    own = {}
+    for view in removed.scene.views[::3]:
+        truth = removed.picture(f"ground_truth/other_object/{view.name}.png")
+        own[view.name] = (truth * 255.0).round().astype(np.uint8)
+    result = replaced(removed, tmp_path / "run", "", own=own)
+    (choice,) = [
+        each for each in read_manifest(result.run.folder)["effects"]["choices"] if each["effect"] == "shadow"
+    ]
+    assert (choice["value"], choice["by"]) == (False, "task")
+    assert "fills are given" in choice["evidence"]
+    for name in own:
+        truth = removed.picture(f"ground_truth/other_object/{name}.png")
+        after, before = (
+            picture(result.run.folder, f"views/{side}/{name}.png") for side in ("after", "before")
+        )
+        changed = np.abs(truth - before).max(axis=2) > 0.2
+        assert changed.sum() > 40 and after.std() > 0.1
+        assert np.abs(after - truth)[changed].mean() < 0.8 * np.abs(before - truth)[changed].mean()

@@ -176,7 +176,8 @@ def plan_effects(
         choose("surround", surrounded, said, "splat")
     else:
         choose("surround", False, _surround(scene), "default")
-    said = "looked for once the object is known" if takes_out else "no object is taken out"
+    looked_for = "looked for once the object is known" if chosen.get("shadow", True) else "not looked for"
+    said = looked_for if takes_out else "no object is taken out"
     choose("shadow", takes_out, said, "task")
     choose("deterministic", False, "sums on CPU have a fixed order without it", "task")
     order = [entry.name for entry in fields(Effects)]

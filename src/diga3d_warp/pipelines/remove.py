@@ -171,8 +171,12 @@ class TakenOut:
 def take_out(
     scene: Scene, run: Run, settings: RemoveSettings, prior: Prior, marks: Marks, seed: int,
     effects: Mapping[str, bool | int] | None, own: Fills = NO_FILLS, estimator: DepthEstimator | None = None,
+    *, filled: bool = False,
 ) -> TakenOut:  # fmt: skip
-    """The stages of a removal, from the fit to the filled hole; arguments as `remove_object`."""
+    """The stages of a removal, from the fit to the filled hole.
+
+    Arguments as `remove_object`, and `filled`: whether the user filled views for what comes after.
+    """
     method = settings.method_for(prior)
     if isinstance(prior, DiffusionPrior) and not prior.learned and prior.guidance.scale != 1.0:
         run.note(
@@ -186,7 +190,7 @@ def take_out(
     wish = (effects or {}).get("shadow")
     shade = shading.find_shade(
         run, scene, edit_masks, source, rows, settings.lift, settings.masking,
-        None if wish is None else bool(wish), seed, filled=bool(own),
+        None if wish is None else bool(wish), seed, filled=filled or bool(own),
     )  # fmt: skip
     rows, edit_masks, shadow = shade.rows, shade.edit_masks, shade.shadow
     cleared = clearing.clear_object(run, scene.views, edit_masks, source, rows, settings.lift, shadow)

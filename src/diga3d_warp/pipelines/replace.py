@@ -142,9 +142,10 @@ def replace_object(
     run.hold_to(**everything(scene, settings, seed, effects, prior, method, own))
     scene = marking.mark(run, scene, marks)
     stages.check_edit(scene, method.references)
-    # Views that the user filled show shadows as they should be.
-    wishes = {"shadow": False, **(effects or {})} if own else effects
-    taken = take_out(scene, run, removal, prior, marks, seed, wishes, estimator=estimator if words else None)
+    taken = take_out(
+        scene, run, removal, prior, marks, seed, effects, filled=bool(own),
+        estimator=estimator if words else None,
+    )  # fmt: skip
     sights = recolouring.look_at_object(run, taken.scene.views, taken.source, taken.rows)
     if own:
         edited = _shown(run, taken, sights, own, estimator, settings, seed)

@@ -87,7 +87,15 @@ def find_shade(
         filled: Whether the user filled views, which show shadows as they should be.
     """
     if filled and wish is None:
-        _record(run, Choice("shadow", False, "the views that the user filled decide", "task"))
+        _record(
+            run,
+            Choice(
+                "shadow",
+                False,
+                "not looked for: fills are given, which show shadows as they should be",
+                "task",
+            ),
+        )
     if not run.effects.shadow:
         return Shade(rows, edit_masks, None)
     views = [*scene.views, *scene.test_views]
