@@ -10,9 +10,11 @@ import torch
 
 from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.gaussians.fit import FitSettings
+from diga3d_warp.gaussians.initialise import initialise
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.surround import SURROUND
 from diga3d_warp.pipelines import clearing, stages
+from diga3d_warp.pipelines.given_splat import left_empty, what_is_missing
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.formats.read import read_splat
 from diga3d_warp.scene.layouts.cameras_file import CameraSet, save_cameras
@@ -89,3 +91,16 @@ def test_a_surround_is_published_behind_the_splat_and_taken_back(room, tmp_path,
     plain = stages.begin(without, load_scene(room))
     fitted = stages.fit_source(without, plain, FitSettings(iterations=3, budget=0), seed=0)
     assert len(stages.finish(without, "fit")[0]) == len(fitted)
+
+
+def test_a_splat_that_leaves_photographs_empty_is_noted(room):
+    """A .splat that was cut between two gaussians cannot be told by itself."""
+    scene = load_scene(room)
+    whole = initialise(scene.points)
+    whole.opacity_logits[:] = 6.0
+    whole.log_scales += 1.0
+    assert left_empty(scene, whole) < 0.05 and what_is_missing(scene, "a.splat", whole) is None
+    left = whole.select(whole.means[:, 0] < whole.means[:, 0].median())
+    assert "a.splat leaves" in what_is_missing(scene, "a.splat", left)
+    clear = [replace(view, alpha=np.zeros(view.pixels.shape[:2], np.uint8)) for view in scene.views]
+    assert left_empty(replace(scene, views=clear), left) == 0.0, "nothing is there to be shown"

@@ -29,6 +29,7 @@ from diga3d_warp.gaussians.surround import beyond, surround_of
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.gaussians.thinning import thinned
 from diga3d_warp.gaussians.working import to_user, to_working
+from diga3d_warp.pipelines.given_splat import what_is_missing
 from diga3d_warp.pipelines.method import Method
 from diga3d_warp.pipelines.own_fills import NO_FILLS, Fills
 from diga3d_warp.pipelines.run import Run
@@ -151,6 +152,8 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
             run.note(f"{scene.splat.name} is taken as it is, not fitted again")
             content = read_splat(scene.splat)
             given = to_working(Gaussians.from_rows(content.scene), run.frame)
+            if note := what_is_missing(scene, scene.splat.name, given):
+                run.note(note)
             given.save_ply(folder / GAUSSIANS, antialiased=run.effects.antialias)
             if content.surround and run.effects.surround:
                 to_working(Gaussians.from_rows(content.shell), run.frame).save_ply(folder / SHELL)

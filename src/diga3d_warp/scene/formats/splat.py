@@ -35,9 +35,17 @@ def read_splat_rows(path: Path) -> SplatContent:
     """Read a .splat file.
 
     Raises:
-        InputError: its size is not that of whole rows, or it holds other things than gaussians.
+        InputError: its size is not that of whole rows, its end is empty, or it holds other things than
+            gaussians.
     """
     table = np.fromfile(path, _ROW, count_splat(path))
+    written = table.view(np.uint8).reshape(len(table), _ROW.itemsize).any(axis=1)
+    if len(table) and not written[-1]:
+        # No program writes a rotation of zeros: space was reserved for a download that did not end.
+        empty = len(table) - 1 - int(np.flatnonzero(written).max(initial=-1))
+        raise InputError(
+            f"{path}: cut short: its last {empty} of {len(table)} gaussians are zeros; download it again"
+        )
     if (table["scale"] < 0).any():
         raise InputError(f"{path}: no .splat file, it has negative scales; export it again")
     rows = SplatRows(
