@@ -39,7 +39,7 @@ def read_splat_rows(path: Path) -> SplatContent:
             gaussians.
     """
     table = np.fromfile(path, _ROW, count_splat(path))
-    written = table.view(np.uint8).reshape(len(table), _ROW.itemsize).any(axis=1)
+    written = np.asarray(table.view(np.uint8).reshape(len(table), _ROW.itemsize).any(axis=1))
     if len(table) and not written[-1]:
         # No program writes a rotation of zeros: space was reserved for a download that did not end.
         empty = len(table) - 1 - int(np.flatnonzero(written).max(initial=-1))
