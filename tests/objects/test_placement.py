@@ -51,6 +51,25 @@ def test_the_place_is_on_the_floor_under_the_ball(surface, slope):
     assert place.scale(np.ones(3)) == pytest.approx(2 * RADIUS, rel=0.1)
 
 
+@pytest.mark.parametrize("count", [60, 400, 12_000])
+def test_the_place_does_not_depend_on_how_many_gaussians_a_floor_has(surface, count):
+    """Small photographs give a splat fewer gaussians, each as much larger."""
+    place = find_place(surface, ring(), floor(count=count))
+    assert place.supported
+    assert np.abs(place.frame.origin - (CENTER - [0, 0, RADIUS])).max() < 0.06
+
+
+def test_a_textured_cloth_beside_the_object_does_not_outvote_the_floor(surface):
+    """It has many small gaussians, and the smooth floor under the object has few."""
+    rng = np.random.default_rng(1)
+    cloth = CENTER + np.c_[rng.uniform([0.7, -0.6], [1.1, 0.6], (3000, 2)), np.full(3000, 0.09 - RADIUS)]
+    textured = initialise(Points(cloth, np.full((3000, 3), 120, np.uint8)), coefficients=1)
+    textured.opacity_logits += 4.0
+    place = find_place(surface, ring(), floor(count=400).joined(textured))
+    assert place.supported
+    assert place.frame.origin[2] == pytest.approx(CENTER[2] - RADIUS, abs=0.03)
+
+
 def test_without_a_floor_the_place_is_at_the_base(surface):
     nothing = floor().select(torch.zeros(0, dtype=torch.long))
     place = find_place(surface, ring(), nothing)

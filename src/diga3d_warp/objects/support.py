@@ -25,7 +25,11 @@ class SupportSettings:
         tilt: Least cosine between plane and vertical: 20 degrees.
         trials: Number of random planes. With half of the points on the floor, it is missed with probability
             1e-9.
-        least: Least points of a plane; with fewer there is no visible support.
+        few: Least gaussians of a plane: fewer lie on one by chance.
+        least: Least area of the gaussians of a plane [square object sizes], a tenth of a disc as wide as the
+            object; with less there is no visible support. Areas, not numbers: a smooth floor has few
+            gaussians, a textured cloth on it many, and both have more in larger photographs.
+        widest: Largest deviation of a gaussian that counts [object sizes]; wider ones lie beside the object.
         seed: Seed of the trials.
     """
 
@@ -36,7 +40,9 @@ class SupportSettings:
     tolerance: float = 0.02
     tilt: float = 0.94
     trials: int = 300
-    least: int = 30
+    few: int = 8
+    least: float = 0.08
+    widest: float = 0.3
     seed: int = 0
 
 
@@ -75,20 +81,21 @@ def find_place(
     old = frame_of(surface.points, up, (centers - middle).mean(axis=0))
     old = _whole(old, centers)
     size = float(old.extent.max())
-    local = old.inward(left.means[left.opacities > settings.opacity].double().numpy())
+    solid = left.select(left.opacities > settings.opacity)
+    local = old.inward(solid.means.double().numpy())
+    axes = np.minimum(np.sort(solid.scales.double().numpy(), axis=1)[:, 1:] / size, settings.widest)
     near = np.hypot(local[:, 0], local[:, 1]) < settings.reach * size
     near &= (local[:, 2] > -settings.depth * size) & (local[:, 2] < settings.rise * size)
-    plane = _plane(local[near] / size, settings)
+    plane = _plane(local[near] / size, np.pi * axes[near].prod(axis=1), settings)
     if plane is None:
         return Place(old, supported=False)
     normal, offset = plane
-    axes = old.axes
-    upright = unit(normal @ axes)
-    back = unit(axes[1] - upright * (axes[1] @ upright))
+    upright = unit(normal @ old.axes)
+    back = unit(old.axes[1] - upright * (old.axes[1] @ upright))
     base = (offset / normal[2]) * size  # height of the plane under the middle of the object
     height = max(old.extent[2] - base, 0.25 * size)
     turned = np.stack([np.cross(back, upright), back, upright])
-    origin = old.origin + base * axes[2]
+    origin = old.origin + base * old.axes[2]
     return Place(Frame(origin, turned, np.array([*old.extent[:2], height])), supported=True)
 
 
@@ -106,27 +113,36 @@ def _whole(frame: Frame, centers: np.ndarray) -> Frame:
     return Frame(frame.origin + shift, frame.axes, np.array([width, width, frame.extent[2]]))
 
 
-def _plane(points: np.ndarray, settings: SupportSettings) -> tuple[np.ndarray, float] | None:
-    """Normal (3,) and offset of the nearly level plane with most points (P, 3); None if none has enough."""
-    if len(points) < settings.least:
+def _plane(
+    points: np.ndarray, areas: np.ndarray, settings: SupportSettings
+) -> tuple[np.ndarray, float] | None:
+    """Normal (3,) and offset of the nearly level plane with most of the area; None if none has enough.
+
+    Args:
+        points: Means of gaussians [object sizes], shape (P, 3).
+        areas: What each covers [square object sizes], shape (P,).
+        settings: Tolerances and trials.
+    """
+    if len(points) < settings.few or not areas.sum() > 0.0:
         return None
     rng = np.random.default_rng(settings.seed)
-    corners = points[rng.integers(0, len(points), (settings.trials, 3))]
+    shares = areas / areas.sum()
+    corners = points[rng.choice(len(points), (settings.trials, 3), p=shares)]
     normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     normals *= np.sign(normals[:, 2:] + 1e-12)
     level = normals[:, 2] > settings.tilt
     if not level.any():
         return None
     normals, offsets = normals[level], (normals[level] * corners[level, 0]).sum(axis=1)
-    votes = (np.abs(points @ normals.T - offsets) < settings.tolerance).sum(axis=0)
+    votes = areas @ (np.abs(points @ normals.T - offsets) < settings.tolerance)
     best = int(votes.argmax())
     normal, offset = normals[best], float(offsets[best])
     for _ in range(3):
-        inside = points[np.abs(points @ normal - offset) < settings.tolerance]
-        if len(inside) < settings.least:
+        on = np.abs(points @ normal - offset) < settings.tolerance
+        if on.sum() < settings.few or areas[on].sum() < settings.least:
             return None
-        middle = inside.mean(axis=0)
-        normal = np.linalg.eigh(np.cov((inside - middle).T))[1][:, 0]
+        middle = np.average(points[on], axis=0, weights=areas[on])
+        normal = np.linalg.eigh(np.cov(points[on].T, aweights=areas[on]))[1][:, 0]
         normal = normal * np.sign(normal[2] + 1e-12)
         offset = float(middle @ normal)
     return (normal, offset) if normal[2] > settings.tilt else None
