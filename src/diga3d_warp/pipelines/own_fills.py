@@ -34,6 +34,8 @@ class FillCheck:
         clearer: How many times smaller the difference must become under another view, turn or shift for that
             to be named [ratio].
         shift: Least shift that is named [px at `side`].
+        contrast: Largest change of contrast that is named as one of colours [ratio]. Programs set less; with
+            more, any image becomes a flat one.
         dark: Mean level below which an image is called black [levels of 255].
         least_known: Share of the pixels that must be outside the mask for a comparison.
     """
@@ -43,6 +45,7 @@ class FillCheck:
     difference: float = 8.0
     clearer: float = 3.0
     shift: float = 0.7
+    contrast: float = 2.0
     dark: float = 2.0
     least_known: float = 0.02
 
@@ -157,8 +160,7 @@ def _what_differs(
                 "export it in place"
             )
     level = pixels[compared].mean(axis=0) - view.pixels[compared].mean(axis=0)
-    evened = np.clip(pixels - level, 0.0, 255.0)
-    if _difference(evened, view.pixels, compared) < close:
+    if _difference(_evened(pixels, view.pixels, compared), view.pixels, compared) < close:
         red, green, blue = (f"{part:+.0f}" for part in level)
         return (
             f"has other colours than {view.name} outside the mask: {red}, {green}, {blue} levels of red, "
@@ -213,6 +215,18 @@ def _shift(pixels: np.ndarray, photograph: np.ndarray, compared: np.ndarray) -> 
     window = cv2.createHanningWindow(compared.shape[::-1], cv2.CV_64F)
     (across, down), _ = cv2.phaseCorrelate(grey[0], grey[1], window)
     return across, down
+
+
+def _evened(pixels: np.ndarray, photograph: np.ndarray, compared: np.ndarray) -> np.ndarray:
+    """An image with the brightness and contrast of a photograph in each channel, within `contrast`."""
+    result = np.empty(pixels.shape, np.float32)
+    for channel in range(3):
+        own, wanted = (each[..., channel][compared].astype(np.float64) for each in (pixels, photograph))
+        spread = float(own.std())
+        gain = float(((own - own.mean()) * (wanted - wanted.mean())).mean()) / max(spread**2, 1e-12)
+        gain = float(np.clip(gain, 1.0 / CHECK.contrast, CHECK.contrast))
+        result[..., channel] = np.clip(gain * (pixels[..., channel] - own.mean()) + wanted.mean(), 0.0, 255.0)
+    return result
 
 
 def _moved(pixels: np.ndarray, across: float, down: float) -> np.ndarray:
