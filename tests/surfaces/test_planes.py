@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from diga3d_warp.surfaces.evidence import Evidence, gather
-from diga3d_warp.surfaces.planes import Plane, find_planes, mean_eye
+from diga3d_warp.surfaces.planes import Plane, _add, find_planes, mean_eye
+from diga3d_warp.surfaces.settings import SURFACES
 from tabletop import EYES, camera_at, photo, photos
 
 NO_POINTS = np.zeros((0, 3))
@@ -53,6 +54,18 @@ def test_two_nearly_equal_planes_are_one():
     assert len(find_planes(apart, np.array([0.0, 0.0, 5.0]), 0)) == 2
 
 
+def test_a_plane_that_was_found_already_is_not_kept():
+    rng = np.random.default_rng(0)
+    floor, again, step = (
+        Plane(np.array([0.0, 0.0, 1.0]), height, plane_points(rng, (0, 0, 1), height).points)
+        for height in (0.0, 0.05, 0.2)
+    )
+    kept: list[Plane] = []
+    for plane in (floor, again, step):
+        _add(kept, plane, np.full(9, 3.0), SURFACES)
+    assert kept == [floor, step]
+
+
 def test_scattered_points_are_no_plane():
     rng = np.random.default_rng(0)
     cloud = Evidence(rng.uniform(-1, 1, (3000, 3)), np.zeros((3000, 3)), np.full(3000, 0.1))
@@ -91,6 +104,15 @@ def test_depth_that_is_none_is_no_evidence(value):
     assert np.isfinite(evidence.points).all() and np.abs(evidence.points[:, 2]).max() < 0.05
     blind = [replace(each, depth=np.full_like(each.depth, value)) for each in seen]
     assert len(gather(blind, NO_POINTS, 0)) == 0
+
+
+def test_a_sky_of_finite_depth_is_no_evidence():
+    """Splats put their sky at any distance."""
+    seen = photos()
+    for each in seen:
+        each.depth[:40] = 1e30
+    evidence = gather(seen, NO_POINTS, 0)
+    assert len(evidence) > 100 and np.abs(evidence.points).max() < 1e3
 
 
 def test_a_plane_through_a_camera_is_not_seen_by_it():

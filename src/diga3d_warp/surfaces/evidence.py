@@ -88,13 +88,13 @@ def _of_depth(
 ) -> Evidence:
     import cv2
 
-    depth = np.where(photo.solid, photo.depth, 0.0).astype(np.float32)
-    usual = float(np.median(depth[band]))
-    weight = photo.solid.astype(np.float32)
+    near = photo.solid & (photo.depth < settings.farthest * np.median(photo.depth[band]))
+    depth = np.where(near, photo.depth, 0.0).astype(np.float32)
+    weight = near.astype(np.float32)
     size = (2 * photo.length(2.0) + 1,) * 2
     smooth = cv2.blur(depth, size) / np.maximum(cv2.blur(weight, size), 1e-6)
     # At a step, points of both sides would make a wall of their own.
-    band = band & (depth < settings.farthest * usual) & (np.abs(smooth - depth) <= settings.agree * depth)
+    band = band & near & (np.abs(smooth - depth) <= settings.agree * depth)
     rows, columns = np.nonzero(band)
     if len(rows) > most:
         chosen = np.sort(rng.choice(len(rows), most, replace=False))
