@@ -7,6 +7,7 @@ import pytest
 from pillar import AROUND, TALL, ground, left_by_pillar, pillar, seen, shaded
 
 from diga3d_warp.shadows.find import ShadowEvidence, find_shadow
+from diga3d_warp.shadows.light import Measured, _drift, _explained
 from diga3d_warp.shadows.settings import SHADOWS
 from diga3d_warp.shadows.support import Solid, find_support, on_floor
 from diga3d_warp.surfaces.planes import Plane
@@ -95,10 +96,47 @@ def test_light_from_beside_the_object_is_never_above_one():
     assert shadow.ratio.max() <= 1.0
 
 
+@pytest.mark.parametrize("change", [-0.6, 0.6])
+def test_no_light_has_a_negative_share(change):
+    """What is brighter under the object than beside it is not explained by a light that it adds."""
+    at = np.random.default_rng(0).uniform(-1.0, 1.0, (600, 2)).astype(np.float32)
+    shade = (np.hypot(*at.T) < 0.4).astype(np.float32)
+    measured = Measured(np.arange(600), at, 1.0 + change * shade, np.ones(600))
+    found = _explained(measured, shade[None], _drift(at)).shares
+    assert found[0] == pytest.approx(max(-change, 0.0), abs=0.1) and found[0] >= 0.0
+
+
 def test_where_nothing_is_known_there_is_nothing_to_tell():
     solid = pillar()
     support = find_support(solid, [ground()], CAMERAS, FEW)
     assert find_shadow([], solid, support, 0, FEW) is None
+    flat = Solid(solid.points * [1.0, 1.0, 0.0], solid.widths, solid.opacities)
+    faint = Solid(solid.points, solid.widths, np.zeros_like(solid.opacities))
+    for nothing in (flat, faint):
+        assert find_shadow(seen(shaded(grey)), nothing, support, 0, FEW) is None
+
+
+@pytest.mark.parametrize("level", [0.0, 0.01, 1.0])
+def test_a_support_without_light_or_without_a_shade_left_shows_none(level):
+    """Black stays black in the shadow, and what is overexposed is white in it."""
+    found = found_on(lambda x, y: np.full((*x.shape, 3), level))
+    assert found is not None and not found[1].suffices(), found[1]
+    assert np.isfinite(found[0].ratio).all()
+
+
+@pytest.mark.parametrize("nothing", [0.0, np.nan, np.inf])
+def test_without_depth_there_is_no_shadow(nothing):
+    solid = pillar()
+    support = find_support(solid, [ground()], CAMERAS, FEW)
+    blind = [replace(each, depth=np.full_like(each.depth, nothing)) for each in seen(shaded(grey))]
+    assert find_shadow(blind, solid, support, 0, FEW) is None
+
+
+def test_a_ratio_near_zero_is_bounded():
+    """A shadow as black as the camera tells: what is left of the light stays within 0 and 1."""
+    shadow, evidence, _ = found_on(shaded(grey, 1.0))
+    assert evidence.suffices() and evidence.strength <= 1.0 - FEW.black + 1e-6
+    assert shadow.ratio.min() >= 0.0 and shadow.ratio.max() <= 1.0 and shadow.ratio.min() < FEW.black
 
 
 def test_the_same_seed_gives_the_same_shadow():

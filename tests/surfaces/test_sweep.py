@@ -117,6 +117,12 @@ def test_likeness_is_the_share_of_contrast_in_common():
     assert np.isnan(agreement(flat, [9]).alike).all() and agreement(flat, [9]).total() == 0.0
 
 
+def test_of_two_photographs_likeness_is_unknown():
+    """Their median is their mean: each is as near to it as the other."""
+    same = np.random.default_rng(0).uniform(0.0, 1.0, (40, 40)).astype(np.float32)
+    assert agreement([same, same + 0.1], [9]).total() == 0.0
+
+
 def test_a_window_grows_until_it_has_contrast():
     lines = np.full((60, 60), 0.5, np.float32)
     lines[:, 30] = 0.1

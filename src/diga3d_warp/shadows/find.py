@@ -89,6 +89,8 @@ def find_shadow(
     chart = textured(photos, support.frame)
     frame = support.frame
     opaque = solid.opacities > settings.opaque
+    if not (frame.coordinates(solid.points[opaque])[:, 2] > support.floor).any():
+        return None
     caster = Caster(frame, solid.points[opaque], solid.widths[opaque], support.floor)
     near = caster.away < settings.near * support.height
     linear = chart.image.astype(np.float32) ** np.float32(GAMMA)

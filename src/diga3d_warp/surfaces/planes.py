@@ -134,7 +134,7 @@ def _bent(plane: Plane, evidence: Evidence, settings: SurfaceSettings) -> Plane:
     near = facing & (np.abs(plane.distances(evidence.points)) < BENDS.farthest * scales)
     near = _joined(evidence, near, settings)
     flat = _joined(evidence, near & (np.abs(plane.distances(evidence.points)) < scales), settings)
-    if near.sum() < (1.0 + settings.curved_gain) * flat.sum():
+    if near.sum() < max((1.0 + settings.curved_gain) * flat.sum(), SEARCH.nearest):
         return plane
     points = evidence.points[near]
     bend = fit_bend(points, points @ plane.normal - plane.offset, scales[near], plane.normal)
