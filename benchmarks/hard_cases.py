@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from guards import Guard, HardCase, condition
 
 GEOMETRY = "hard_cases/test_geometry.py::"
 BLENDING = "hard_cases/test_blending.py::"
@@ -16,45 +16,6 @@ FITS = "hard_cases/test_fits.py::"
 ORDERED = "kernels/test_ordering.py::"
 REPROJECT = "splatting/test_reproject.py::"
 SAMPLING = "splatting/test_reproject_sampling.py::"
-
-
-@dataclass(frozen=True)
-class Guard:
-    """A piece of source without which a hard case goes wrong.
-
-    Attributes:
-        file: Below src/diga3d_warp.
-        source: What stands there, exactly once in the file.
-        without: What is put in its place.
-        test: The test that must then fail, below tests; a file, a function or one of its cases.
-    """
-
-    file: str
-    source: str
-    without: str
-    test: str
-
-
-@dataclass(frozen=True)
-class HardCase:
-    """One row of the table.
-
-    Attributes:
-        name: The case.
-        handling: What the renderer does.
-        guards: Taken out one by one.
-        constants: Settings that decide it, as Class.attribute; their reasons stand in the class's docstring.
-    """
-
-    name: str
-    handling: str
-    guards: tuple[Guard, ...]
-    constants: tuple[str, ...] = ()
-
-
-def condition(file: str, source: str, test: str) -> Guard:
-    """A guard `if SOURCE:` that never holds."""
-    return Guard(file, f"if {source}:", "if False:", test)
 
 
 def term(file: str, condition: str, test: str) -> Guard:

@@ -1,7 +1,7 @@
-"""Take each guard of hard_cases.py out of a copy of the project, run its test, and see that it fails.
+"""Take each guard of hard_cases.py and fill_cases.py out of a copy of the project: its test must fail.
 
 python benchmarks/mutate_guards.py            all guards, 15 min on two cores; writes docs/hard-cases.md
-python benchmarks/mutate_guards.py NAME ...   only cases whose name holds one of these words; writes nothing
+python benchmarks/mutate_guards.py NAME ...   only cases whose name holds one of these words, and their rows
 
 Ends with 1 if a guard is not found, if its test passes without it, or fails for another reason than its own.
 """
@@ -19,7 +19,12 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from hard_cases import CASES, Guard, HardCase
+from fill_cases import FILL_CASES
+from guards import Guard, HardCase
+
+from hard_cases import CASES as RENDERER_CASES
+
+CASES = (*RENDERER_CASES, *FILL_CASES)
 
 PROJECT = Path(__file__).parents[1]
 PACKAGE = Path("src/diga3d_warp")
@@ -28,7 +33,10 @@ DOCUMENT = PROJECT / "docs" / "hard-cases.md"
 MEMORY = 16 << 30
 """Address space of a test run [bytes]: without its guard, the test of 2^32 pairs would fill the machine."""
 
-CAUGHT = r"assert|(Assertion|Memory|Value|ZeroDivision)Error|Failed: DID NOT|RuntimeError: Failed to allocate"
+CAUGHT = (
+    r"assert|(Assertion|Index|Memory|Value|ZeroDivision)Error|Failed: DID NOT"
+    r"|RuntimeError: Failed to allocate"
+)
 """How a failure begins that a missing guard causes. A mutation that does not compile fails otherwise."""
 
 HOMES = {
@@ -41,6 +49,11 @@ HOMES = {
     "pixel_lanes": "kernels/pixel_lanes.py",
     "camera": "scene/camera.py",
     "losses": "gaussians/losses.py",
+    "SurfaceSettings": "surfaces/settings.py",
+    "AgreementSettings": "surfaces/settings.py",
+    "LayoutSettings": "surfaces/settings.py",
+    "ShadowSettings": "shadows/settings.py",
+    "FillCheck": "pipelines/own_fills.py",
 }
 """File of each class or module that `HardCase.constants` names."""
 
@@ -134,18 +147,29 @@ def explained(constant: str) -> str:
     raise ValueError(f"{constant} is not in {HOMES[home]}")
 
 
-def document(verdicts: dict[Guard, Verdict]) -> str:
-    """The text of docs/hard-cases.md."""
-    rows = []
-    for case in CASES:
-        constants = "<br>".join(explained(constant) for constant in case.constants)
-        tests = "<br>".join(dict.fromkeys(f"`{guard.test}`" for guard in case.guards))
-        proofs = "<br>".join(
-            f"`{_cell(guard.source)}` -> `{_cell(guard.without)}`: {_cell(verdicts[guard].reason)[:90]}"
-            for guard in case.guards
-        )
-        rows.append(f"| {case.name} | {case.handling} | {constants} | {tests} | {proofs} |")
-    return TEXT.format(count=len(verdicts), rows="\n".join(rows))
+def row(case: HardCase, verdicts: dict[Guard, Verdict]) -> str:
+    """A case's row of the table."""
+    constants = "<br>".join(explained(constant) for constant in case.constants)
+    tests = "<br>".join(dict.fromkeys(f"`{guard.test}`" for guard in case.guards))
+    proofs = "<br>".join(
+        f"`{_cell(guard.source)}` -> `{_cell(guard.without)}`: {_cell(verdicts[guard].reason)[:90]}"
+        for guard in case.guards
+    )
+    return f"| {case.name} | {case.handling} | {constants} | {tests} | {proofs} |"
+
+
+def document(verdicts: dict[Guard, Verdict], written: str) -> str:
+    """The text of docs/hard-cases.md; rows of cases that were not tried stay as they were written."""
+    before = {line.split(" | ")[0].removeprefix("| "): line for line in written.splitlines() if "| " in line}
+    tables = []
+    for cases in (RENDERER_CASES, FILL_CASES):
+        rows = [
+            row(case, verdicts) if verdicts.keys() >= set(case.guards) else before[case.name]
+            for case in cases
+        ]
+        tables.append("\n".join(rows))
+    count = sum(len(case.guards) for case in CASES)
+    return TEXT.format(count=count, rows=tables[0], fills=tables[1])
 
 
 def _cell(text: str) -> str:
@@ -156,7 +180,7 @@ def _cell(text: str) -> str:
 TEXT = """\
 # Hard cases
 
-What splatting engines meet in real scenes, and what this one does. Written by
+What splatting engines and fills meet in real scenes, and what happens here. Written by
 `python benchmarks/mutate_guards.py`, which takes each guard out of a copy of the source, runs the test named
 beside it, and accepts the row only if that test fails: {count} guards, all of them caught.
 
@@ -172,7 +196,14 @@ Tests stand below `tests`; the last column shows the guard, what replaced it, an
 |---|---|---|---|---|
 {rows}
 
-Not in the table, because without it only time is lost: triangles that lie outside the target are not visited.
+Fills:
+
+| Case | What happens | Constants and their reasons | Tests | Without the guard |
+|---|---|---|---|---|
+{fills}
+
+Not in the tables, because without it only time is lost: triangles that lie outside the target are not
+visited.
 
 Needles a pixel wide that cross the whole image are within 1e-4 in colour and 1e-3 in gradients of float64 at
 100, 400 and 800 px (`tests/hard_cases/test_rounding.py`); rounding grows with their length. What no precision
@@ -183,7 +214,7 @@ float64 may decide differently, and that pixel is off by what is left out, some 
 
 
 def main(words: list[str]) -> int:
-    """Run the mutations, and write the table if all were run and all were caught."""
+    """Run the mutations, and write the rows of their cases if all were caught."""
     if complaints := missing():
         print("\n".join(complaints))
         return 1
@@ -204,8 +235,7 @@ def main(words: list[str]) -> int:
     print(f"{caught} of {len(verdicts)} guards are caught by their tests")
     if caught < len(verdicts):
         return 1
-    if not words:
-        DOCUMENT.write_text(document(verdicts), encoding="utf-8")
+    DOCUMENT.write_text(document(verdicts, DOCUMENT.read_text(encoding="utf-8")), encoding="utf-8")
     return 0
 
 

@@ -91,11 +91,12 @@ def chart_view(
     trusted = np.array([*(chart.trusted for chart in charts), False])
     same = np.abs(layer.depth - depth) <= SURFACES.agree * layer.depth
     agreed = np.array([*(chart.frame.agreed for chart in charts), False])
-    # What was looked up behind the object by depth that is wrong is not better known than the chart, unless
-    # it does not lie behind it, and photographs bear it out.
+    # What was looked up behind the object by depth that is wrong is no better known than the chart. It stays
+    # where it stands on the chart or in front of it, and photographs bear it out.
     looked_up = background.observed & _doubtful(charts)[layer.chart]
-    nearer = looked_up & (depth <= (1.0 + SURFACES.agree) * layer.depth)
-    hole = unseen | (looked_up & ~consistent(photo_of(view, background, depth), nearer, photos, layer.image))
+    in_front = looked_up & (depth <= (1.0 + SURFACES.agree) * layer.depth)
+    kept = consistent(photo_of(view, background, depth), in_front, photos, layer.image)
+    hole = unseen | (looked_up & ~kept)
     same |= agreed[layer.chart] & _alike(layer.image, background.image, ~hole)
     shown = _bordered(hole & trusted[layer.chart], layer.chart, same, ~hole)
     if not shown.any():

@@ -1,0 +1,194 @@
+"""The hard cases of fills: charts, shadows, and views that the user filled.
+
+`mutate_guards.py` takes their guards out one by one, as those of hard_cases.py.
+"""
+
+from __future__ import annotations
+
+from guards import Guard, HardCase, condition
+
+PLANES = "surfaces/test_planes.py::"
+FOUND = "surfaces/test_find.py::"
+HARD = "surfaces/test_hard_charts.py::"
+OCCUPANCY = "surfaces/test_occupancy.py::"
+SWEEP = "surfaces/test_sweep.py::"
+THINGS = "propagation/test_things_on_charts.py::"
+CHARTED = "propagation/test_charted.py::"
+SHADOW = "shadows/test_find_shadow.py::"
+RELIGHT = "shadows/test_relight.py::"
+FILLS = "pipelines/test_own_fills.py::"
+REFUSED = FILLS + "test_what_is_not_the_view_is_refused_and_named"
+
+OWN = "pipelines/own_fills.py"
+SHOWN = "propagation/charted.py"
+
+# fmt: off
+FILL_CASES = (
+    HardCase(
+        "Charts: a plane at a grazing angle, or through a camera",
+        "A pixel that meets a plane at a grazing angle, behind the camera or nowhere shows nothing of it.",
+        (
+            Guard("surfaces/planes.py", "(np.abs(facing) >= settings.grazing * length) & ", "",
+                PLANES + "test_a_plane_is_not_seen_at_a_grazing_angle"),
+            Guard("surfaces/planes.py", " & (z > camera.near)", "",
+                PLANES + "test_a_plane_through_a_camera_is_not_seen_by_it"),
+        ),
+        ("SurfaceSettings.grazing",),
+    ),
+    HardCase(
+        "Charts: two nearly equal planes",
+        "A plane that lies within the waver of depth of another one is the same.",
+        (
+            condition("surfaces/planes.py",
+                "parallel and float(np.median(np.abs(other.distances(plane.support)))) < limit",
+                PLANES + "test_a_plane_that_was_found_already_is_not_kept"),
+        ),
+        ("SurfaceSettings.tolerance", "SurfaceSettings.apart"),
+    ),
+    HardCase(
+        "Charts: few texels, or very many",
+        "Specks have no chart; a small chart takes finer texels than its photographs have, and a large one "
+        "coarser ones.",
+        (
+            Guard("surfaces/layout.py", "if len(hit) >= LAYOUT.least:", "if len(hit) > 0:",
+                HARD + "test_a_hole_of_few_pixels_has_no_chart"),
+            Guard("surfaces/chart.py", ".prod() > settings.texels:", ".prod() > 1e18:",
+                HARD + "test_the_chart_of_an_endless_plane_is_bounded"),
+            Guard("surfaces/planes.py",
+                "if near.sum() < max((1.0 + settings.curved_gain) * flat.sum(), SEARCH.nearest):",
+                "if near.sum() < (1.0 + settings.curved_gain) * flat.sum():",
+                HARD + "test_few_points_are_not_bent"),
+        ),
+        ("LayoutSettings.least", "SurfaceSettings.texels"),
+    ),
+    HardCase(
+        "Charts: nothing known, or all seen through",
+        "No chart, and nothing is filled.",
+        (
+            condition("surfaces/occupancy.py", "not known.any()",
+                OCCUPANCY + "test_nothing_where_nothing_is_known_or_all_is_seen_through"),
+        ),
+    ),
+    HardCase(
+        "Charts: one or two photographs",
+        "Its depth gives a chart; that photographs agree on a plane takes three.",
+        (
+            Guard("surfaces/agreement.py", "several = shown.sum(axis=0) >= settings.views_least",
+                "several = shown.sum(axis=0) >= 2", SWEEP + "test_of_two_photographs_likeness_is_unknown"),
+        ),
+        ("AgreementSettings.views_least",),
+    ),
+    HardCase(
+        "Charts: photographs that disagree",
+        "Moving leaves are outvoted, exposures of a chart's photographs evened.",
+        (
+            Guard("surfaces/votes.py", "(behind > self.settings.hidden_votes * (there + behind))",
+                "(behind > 9.0 * (there + behind))",
+                FOUND + "test_a_chart_in_front_of_what_photographs_show_is_empty_there"),
+            Guard("surfaces/texture.py", "if count < 2:", "if True:",
+                FOUND + "test_exposure_that_drifts_leaves_no_seam"),
+        ),
+        ("SurfaceSettings.hidden_votes", "SurfaceSettings.tone_most"),
+    ),
+    HardCase(
+        "Charts: depth that is zero, infinite or NaN",
+        "It is no surface; infinite depth is seen through.",
+        (
+            Guard("surfaces/photo.py", "np.isfinite(self.depth) & (self.depth > 0.0)", "(self.depth > 0.0)",
+                PLANES + "test_depth_that_is_none_is_no_evidence"),
+            Guard("surfaces/evidence.py",
+                "photo.solid & (photo.depth < settings.farthest * np.median(photo.depth[band]))",
+                "photo.solid",
+                PLANES + "test_a_sky_of_finite_depth_is_no_evidence"),
+        ),
+        ("SurfaceSettings.farthest",),
+    ),
+    HardCase(
+        "Charts: a hole at the border of every image",
+        "The surroundings that a part is continued from end at the chart's border.",
+        (
+            Guard("surfaces/parts.py", "slice(max(int(rows[0]) - pad, 0), int(rows[-1]) + pad + 1)",
+                "slice(int(rows[0]) - pad, int(rows[-1]) + pad + 1)",
+                HARD + "test_surroundings_end_at_the_border"),
+        ),
+    ),
+    HardCase(
+        "Charts: a thing that stands in front",
+        "Of what was looked up behind the object, a chart whose depth is wrong replaces nothing on which "
+        "photographs agree more than with the chart. Gaussians that would hide what most photographs show "
+        "are not added.",
+        (
+            Guard(SHOWN, "hole = unseen | (looked_up & ~kept)", "hole = unseen | looked_up",
+                THINGS + "test_what_photographs_show_of_the_box_is_not_painted_over"),
+            Guard(SHOWN, "np.where(on, layer.depth, photo.depth)", "photo.depth",
+                THINGS + "test_no_gaussian_stands_before_what_photographs_show"),
+            Guard(SHOWN, "off = smoothed(one - other, known)",
+                "off = smoothed(one - other, np.ones_like(known))",
+                THINGS + "test_the_floor_goes_on_beside_it"),
+            Guard("surfaces/consistency.py", "several = count >= AGREEMENT.witnesses", "several = count >= 1",
+                THINGS + "test_one_photograph_bears_nothing_out"),
+            condition(SHOWN,
+                "border.any() and agreeing[border].mean() < SURFACES.bordered",
+                CHARTED + "test_a_chart_among_a_nearer_surface_is_not_seen_through_it"),
+        ),
+        ("AgreementSettings.witnesses", "AgreementSettings.apart", "SurfaceSettings.bordered"),
+    ),
+    HardCase(
+        "Shadows: a ratio near 0",
+        "What is nearly black is filled instead of relit, and a ratio is bounded before it divides.",
+        (
+            Guard("shadows/relight.py", "black = dark & (level < settings.black)", "black = dark & False",
+                RELIGHT + "test_what_is_nearly_black_is_left_to_the_fill"),
+            Guard("shadows/relight.py", "np.maximum(ratio, 1e-3)", "ratio",
+                RELIGHT + "test_relighting_is_a_division_in_linear_light"),
+        ),
+        ("ShadowSettings.black",),
+    ),
+    HardCase(
+        "Shadows: a ratio above 1",
+        "A light takes no negative share: what the object brightens is not darkened to even things out.",
+        (
+            Guard("shadows/light.py", "if not len(negative):", "if True:",
+                SHADOW + "test_no_light_has_a_negative_share"),
+        ),
+    ),
+    HardCase(
+        "Shadows: no depth, nothing that casts one",
+        "Nothing is relit where no depth says that the support is seen; an object without a part over its "
+        "support casts none.",
+        (
+            condition("shadows/find.py",
+                "not (frame.coordinates(solid.points[opaque])[:, 2] > support.floor).any()",
+                SHADOW + "test_where_nothing_is_known_there_is_nothing_to_tell"),
+            condition("shadows/find.py", "len(places) < settings.texels",
+                SHADOW + "test_without_depth_there_is_no_shadow"),
+        ),
+        ("ShadowSettings.texels",),
+    ),
+    HardCase(
+        "Own fills: black, turned, of another view, of another size",
+        "Refused in one line that names what differs.",
+        (
+            condition(OWN, "pixels.mean() < CHECK.dark", REFUSED),
+            condition(OWN,
+                "undone.shape == view.pixels.shape and _difference(undone, view.pixels, compared) < close",
+                REFUSED),
+            condition(OWN,
+                "same and _difference(pixels, other.pixels, _known(other)) < min(close, CHECK.difference)",
+                FILLS + "test_another_view_is_named"),
+            condition(OWN, "pixels.shape != view.pixels.shape",
+                REFUSED),
+        ),
+        ("FillCheck.dark", "FillCheck.clearer"),
+    ),
+    HardCase(
+        "Own fills: compressed as JPEG",
+        "The small differences of a JPEG are allowed.",
+        (
+            Guard(OWN, "difference: float = 8.0", "difference: float = 0.1",
+                FILLS + "test_a_jpeg_is_the_view_still"),
+        ),
+        ("FillCheck.difference",),
+    ),
+)
+# fmt: on
