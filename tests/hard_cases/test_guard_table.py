@@ -17,9 +17,7 @@ GUARDS = [guard for case in CASES for guard in case.guards]
 @pytest.mark.parametrize("guard", GUARDS, ids=lambda guard: f"{guard.file}: {guard.source[:40]}")
 def test_a_guard_stands_once_and_its_test_exists(guard):
     source = (PROJECT / "src" / "diga3d_warp" / guard.file).read_text(encoding="utf-8")
-    assert source.count(guard.source) == 1, (
-        "change hard_cases.py or fill_cases.py in benchmarks with the guard"
-    )
+    assert source.count(guard.source) == 1, "change the table in benchmarks with the guard"
     file, _, name = guard.test.partition("::")
     tests = (PROJECT / "tests" / file).read_text(encoding="utf-8")
     assert f"def {name.partition('[')[0]}(" in tests if name else "def test_" in tests

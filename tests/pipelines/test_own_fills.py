@@ -32,6 +32,16 @@ def write(path, pixels, *options):
     return path
 
 
+def detailed(scene, width, height, blur):
+    """The first view with a texture of some pixels, and a mask in the middle."""
+    noise = np.random.default_rng(3).integers(0, 256, (height, width, 3)).astype(np.uint8)
+    pixels = cv2.normalize(cv2.GaussianBlur(noise, (0, 0), blur), None, 0, 255, cv2.NORM_MINMAX)
+    mask = np.zeros((height, width), bool)
+    mask[height * 5 // 12 : height * 5 // 8, width * 5 // 12 : width * 5 // 8] = True
+    camera = scene.views[0].camera.resized(width, height)
+    return replace(scene.views[0], pixels=pixels, mask=mask, camera=camera)
+
+
 def test_images_are_read_by_name_or_from_a_folder(scene, tmp_path):
     one, two = scene.views[0], scene.views[3]
     folder = tmp_path / "fills"
@@ -54,6 +64,18 @@ def test_a_jpeg_is_the_view_still(scene, tmp_path):
     view = scene.views[1]
     file = write(tmp_path / "mine.jpg", filled(view), cv2.IMWRITE_JPEG_QUALITY, 60)
     assert list(read_fills([f"{view.name}={file}"], scene)) == [view.name]
+
+
+@pytest.mark.parametrize("quality", [95, 50])
+def test_a_jpeg_of_a_small_detailed_view_is_that_view_still(scene, tmp_path, quality):
+    """Its blocks are large there, and its colours have half the resolution."""
+    view = detailed(scene, 96, 72, 0.8)
+    capture = replace(scene, views=[view, *scene.views[1:]])
+    file = write(tmp_path / "mine.jpg", filled(view), cv2.IMWRITE_JPEG_QUALITY, quality)
+    assert list(read_fills([f"{view.name}={file}"], capture)) == [view.name]
+    turned = write(tmp_path / "turned.jpg", np.rot90(filled(view), 2), cv2.IMWRITE_JPEG_QUALITY, quality)
+    with pytest.raises(InputError, match="turned by 180 degrees"):
+        read_fills([f"{view.name}={turned}"], capture)
 
 
 def test_without_masks_most_pixels_must_be_the_photographs(scene, tmp_path):
@@ -100,12 +122,7 @@ def test_another_view_is_named(scene, tmp_path):
 
 def test_a_shift_is_measured(tmp_path, scene):
     """On a photograph with detail."""
-    generator = np.random.default_rng(3)
-    detail = cv2.GaussianBlur(generator.integers(0, 256, (144, 192, 3)).astype(np.uint8), (0, 0), 2.0)
-    detail = cv2.normalize(detail, None, 0, 255, cv2.NORM_MINMAX)
-    mask = np.zeros((144, 192), bool)
-    mask[60:90, 80:120] = True
-    view = replace(scene.views[0], pixels=detail, mask=mask, camera=scene.views[0].camera.resized(192, 144))
+    view = detailed(scene, 192, 144, 2.0)
     capture = replace(scene, views=[view, *scene.views[1:]])
     file = write(tmp_path / "mine.png", shifted(filled(view)))
     with pytest.raises(InputError, match="is shifted against view_1 by 5 px across and 3 px down"):

@@ -26,7 +26,9 @@ class FillCheck:
     """When a filled image is that of a view.
 
     Attributes:
-        side: Longer side at which both are compared [px]. Grain and the blocks of a JPEG average out there.
+        side: Longer side at which both are compared, at most [px].
+        averaged: Least pixels across one of those that are compared [px]: grain and the blocks of a JPEG
+            average out. At 96 x 72 px a JPEG of quality 60 is off by 8 levels, averaged over four by 3.
         around: Width of the band around the mask that is not compared [parts of the diagonal]: programs fill
             a little more than the mask, and soften its border.
         difference: Mean absolute difference of the pixels outside the mask [levels of 255]. A JPEG of
@@ -41,6 +43,7 @@ class FillCheck:
     """
 
     side: int = 256
+    averaged: int = 4
     around: float = 0.03
     difference: float = 8.0
     clearer: float = 3.0
@@ -191,7 +194,7 @@ def _difference(pixels: np.ndarray, photograph: np.ndarray, compared: np.ndarray
     import cv2
 
     height, width = compared.shape
-    scale = min(1.0, CHECK.side / max(height, width))
+    scale = min(1.0 / CHECK.averaged, CHECK.side / max(height, width))
     size = max(1, round(width * scale)), max(1, round(height * scale))
     first, second = (
         cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
