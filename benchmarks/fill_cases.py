@@ -86,7 +86,7 @@ FILL_CASES = (
                 "(behind > 9.0 * (there + behind))",
                 FOUND + "test_a_chart_in_front_of_what_photographs_show_is_empty_there"),
             Guard("surfaces/texture.py", "if count < 2:", "if True:",
-                FOUND + "test_exposure_that_drifts_leaves_no_seam"),
+                HARD + "test_photographs_of_a_chart_get_one_tone"),
         ),
         ("SurfaceSettings.hidden_votes", "SurfaceSettings.tone_most"),
     ),
@@ -94,7 +94,8 @@ FILL_CASES = (
         "Charts: depth that is zero, infinite or NaN",
         "It is no surface; infinite depth is seen through.",
         (
-            Guard("surfaces/photo.py", "np.isfinite(self.depth) & (self.depth > 0.0)", "(self.depth > 0.0)",
+            Guard("surfaces/photo.py",
+                "np.isfinite(self.depth) & (self.depth > 0.0)", "np.isfinite(self.depth)",
                 PLANES + "test_depth_that_is_none_is_no_evidence"),
             Guard("surfaces/evidence.py",
                 "photo.solid & (photo.depth < settings.farthest * np.median(photo.depth[band]))",
@@ -187,8 +188,10 @@ FILL_CASES = (
         (
             Guard(OWN, "difference: float = 8.0", "difference: float = 0.1",
                 FILLS + "test_a_jpeg_is_the_view_still"),
+            Guard(OWN, "averaged: int = 4", "averaged: int = 1",
+                FILLS + "test_a_jpeg_of_a_small_detailed_view_is_that_view_still"),
         ),
-        ("FillCheck.difference",),
+        ("FillCheck.difference", "FillCheck.averaged"),
     ),
 )
 # fmt: on

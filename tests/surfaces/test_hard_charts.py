@@ -15,6 +15,7 @@ from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.planes import Plane, _bent
 from diga3d_warp.surfaces.settings import LAYOUT, SURFACES
 from diga3d_warp.surfaces.surfels import surfels
+from diga3d_warp.surfaces.texture import even_tone
 from tabletop import EYES, camera_at, checks, photos
 
 NO_POINTS = np.zeros((0, 3))
@@ -163,6 +164,19 @@ def test_few_points_are_not_bent():
     few = Evidence(points, np.tile(FLOOR.normal, (9, 1)), np.full(9, 3.0))
     for evidence in (few, few.select(np.zeros(9, bool))):
         assert _bent(FLOOR, evidence, SURFACES) is FLOOR
+
+
+def test_photographs_of_a_chart_get_one_tone():
+    """Each shows a part, and exposures drift by up to a tenth."""
+    rng = np.random.default_rng(0)
+    texture = rng.uniform(0.3, 0.7, (40, 90, 3)).astype(np.float32)
+    drift = np.array([-0.1, 0.02, 0.08], np.float32)
+    weights = np.zeros((3, 40, 90), np.float32)
+    for number in range(3):
+        weights[number, :, 20 * number : 20 * number + 50] = 1.0
+    even = even_tone([texture + each for each in drift], weights)
+    left = [float((sample - texture).mean()) for sample in even]
+    assert np.ptp(left) < 1e-3 and abs(np.mean(left) - drift.mean()) < 1e-3
 
 
 def test_surroundings_end_at_the_border():
