@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from diga3d_warp.propagation.charted import chart_views, photo_of, shown_by
+from diga3d_warp.propagation.charted import chart_views, photo_of, photos_of
 from diga3d_warp.propagation.unseen import observe_behind
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.scene import View
@@ -124,7 +124,7 @@ def test_the_floor_goes_on_beside_it(room):
 
 def test_no_gaussian_stands_before_what_photographs_show(room):
     """Wrong depth refuses gaussians on the floor, and lets others hide it."""
-    seen = [shown_by(*each, room.charts) for each in zip(room.views, room.charted, strict=True)]
+    seen = photos_of(room.views, room.backgrounds, room.depths, room.charts)
     (discs,) = surfels(room.charts, 1)
     assert refused(discs.means.double().numpy(), seen).mean() < 0.02
     rng = np.random.default_rng(0)
@@ -137,8 +137,9 @@ def test_no_gaussian_stands_before_what_photographs_show(room):
 def test_right_depth_is_left_alone(room):
     """Where the depth of the splat is right on a chart, gaussians are held against the splat itself."""
     right = [replace(chart, deep=True) for chart in room.charts]
-    for view, charted in zip(room.views, room.charted, strict=True):
-        np.testing.assert_array_equal(shown_by(view, charted, right).depth, charted.depth)
+    seen = photos_of(room.views, room.backgrounds, room.depths, right)
+    for each, depth in zip(seen, room.depths, strict=True):
+        np.testing.assert_array_equal(each.depth, depth)
 
 
 def test_one_photograph_bears_nothing_out(room):

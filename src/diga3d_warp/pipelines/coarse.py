@@ -22,7 +22,7 @@ from diga3d_warp.pipelines.own_fills import NO_FILLS, Fills
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.propagation.appearance import propagate_appearance
-from diga3d_warp.propagation.charted import chart_views, shown_by
+from diga3d_warp.propagation.charted import chart_views, photos_of
 from diga3d_warp.propagation.fill import Fill, fill_references, warp_fills
 from diga3d_warp.propagation.references import References
 from diga3d_warp.propagation.unseen import Background
@@ -190,8 +190,7 @@ def refit(
 
     def compute(folder: Path) -> None:
         start = cleared.gaussians
-        charted = chart_views(views, backgrounds, depths, charts)
-        photos = [shown_by(view, each, charts) for view, each in zip(views, charted, strict=True)]
+        photos = photos_of(views, backgrounds, depths, charts)
         coefficients = start.sh.shape[1]
         seeds = [*surfels(charts, coefficients), *seeds_of(views, fills, references, coefficients)]
         for added in seeds:

@@ -112,20 +112,24 @@ def chart_view(
     )  # fmt: skip
 
 
-def shown_by(view: View, charted: Charted, charts: Sequence[Chart]) -> Photo:
-    """A view as gaussians on charts are held against it.
+def photos_of(
+    views: Sequence[View],
+    backgrounds: Sequence[Background],
+    depths: Sequence[np.ndarray],
+    charts: Sequence[Chart],
+) -> list[Photo]:
+    """All views as gaussians that are added are held against them; arguments as `chart_views`.
 
-    Its depth is that of charts where they show, and where the splat's depth is wrong on a chart that the
-    photograph shows.
-
-    Args:
-        view: The photograph.
-        charted: The same with charts.
-        charts: Filled ones.
+    Their depth is that of the splat; where it is wrong on a chart that a view shows, it is the chart's.
     """
-    photo = photo_of(view, charted.background, charted.depth)
     if all(chart.deep for chart in charts):
-        return photo
+        return [photo_of(*each) for each in zip(views, backgrounds, depths, strict=True)]
+    charted = chart_views(views, backgrounds, depths, charts)
+    return [_shown_by(*each, charts) for each in zip(views, charted, strict=True)]
+
+
+def _shown_by(view: View, charted: Charted, charts: Sequence[Chart]) -> Photo:
+    photo = photo_of(view, charted.background, charted.depth)
     layer = compose(charts, view.camera)
     on = _doubtful(charts)[layer.chart] & _alike(layer.image, charted.background.image, photo.known)
     return replace(photo, depth=np.where(on, layer.depth, photo.depth).astype(np.float32))
