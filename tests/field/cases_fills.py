@@ -21,10 +21,11 @@ FOLDER = ("--fill", "{scene}/fills")
 
 
 def filled(room: FieldRoom, folder: Path, change: Change, *, suffix: str = ".png", like: int = 1) -> Path:
-    """The room with masks, and a filled training view: the photograph `like`, grey in its mask, changed."""
+    """The room with masks, and a filled training view: the photograph `like`, grain in its mask, changed."""
     room.colmap(folder, masks=True)
     name, other = room.names[1], room.names[like]
-    pixels = np.where(room.masks[other][..., None], np.uint8(120), room.pixels[other])
+    wood = np.random.default_rng(1).integers(80, 160, room.pixels[other].shape).astype(np.uint8)
+    pixels = np.where(room.masks[other][..., None], wood, room.pixels[other])
     write_picture(folder / "fills" / f"{name}{suffix}", np.ascontiguousarray(change(pixels)))
     return folder
 
@@ -114,3 +115,14 @@ def view_that_is_filled_twice(room: FieldRoom, folder: Path) -> Path:
     filled(room, folder, same)
     write_picture(folder / "again" / f"{room.names[1]}.png", room.pixels[room.names[1]])
     return folder
+
+
+@case(Refuses(("with the object still there; give the image without it",), fills(*FOLDER)))
+def fill_that_is_the_photograph(room: FieldRoom, folder: Path) -> Path:
+    return filled(room, folder, lambda _: room.pixels[room.names[1]], suffix=".jpg")
+
+
+@case(Refuses(("one colour fills its mask; give the image with the hole filled",), fills(*FOLDER)))
+def fill_with_a_black_hole(room: FieldRoom, folder: Path) -> Path:
+    mask = room.masks[room.names[1]]
+    return filled(room, folder, lambda pixels: np.where(mask[..., None], np.uint8(0), pixels))

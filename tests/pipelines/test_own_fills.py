@@ -23,8 +23,9 @@ def scene(toy_run):
 
 
 def filled(view):
-    """The photograph with grey where the mask is."""
-    return np.where(view.mask[..., None], np.uint8(120), view.pixels)
+    """The photograph with turf where the mask is."""
+    turf = np.random.default_rng(1).integers(80, 160, view.pixels.shape).astype(np.uint8)
+    return np.where(view.mask[..., None], turf, view.pixels)
 
 
 def write(path, pixels, *options):
@@ -111,6 +112,37 @@ def test_what_is_not_the_view_is_refused_and_named(scene, tmp_path, change, said
     with pytest.raises(InputError) as error:
         read_fills([f"{view.name}={file}"], scene)
     assert said in str(error.value) and str(file) in str(error.value) and "\n" not in str(error.value)
+
+
+def masked(view, color):
+    return np.where(view.mask[..., None], np.uint8(color), view.pixels)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_a_hole_that_was_not_filled_is_refused(scene, tmp_path, suffix):
+    """The photograph itself, and holes that are black, white or transparent, as masks are exported."""
+    view = detailed(scene, 96, 72, 1.5)
+    capture = replace(scene, views=[view, *scene.views[1:]])
+    file = write(tmp_path / f"mine{suffix}", view.pixels)
+    with pytest.raises(InputError, match="view_1 with the object still there; give the image without it"):
+        read_fills([f"{view.name}={file}"], capture)
+    for color in ((0, 0, 0), (255, 255, 255), (255, 0, 255)):
+        write(file, masked(view, color))
+        with pytest.raises(InputError, match="one colour fills its mask; give the image with the hole"):
+            read_fills([f"{view.name}={file}"], capture)
+    transparent = np.dstack([view.pixels, np.where(view.mask, 0, 255).astype(np.uint8)])
+    assert cv2.imwrite(str(tmp_path / "hole.png"), transparent[..., [2, 1, 0, 3]])
+    with pytest.raises(InputError, match=r"one colour fills|object still there"):
+        read_fills([f"{view.name}={tmp_path / 'hole.png'}"], capture)
+
+
+def test_a_plain_wall_goes_on_in_its_colour(scene, tmp_path):
+    view = detailed(scene, 96, 72, 1.5)
+    plain = np.full_like(view.pixels, 170)
+    object_on_wall = replace(view, pixels=np.where(view.mask[..., None], view.pixels, plain))
+    capture = replace(scene, views=[object_on_wall, *scene.views[1:]])
+    file = write(tmp_path / "mine.png", plain)
+    assert list(read_fills([f"{view.name}={file}"], capture)) == [view.name]
 
 
 def test_another_view_is_named(scene, tmp_path):

@@ -39,6 +39,12 @@ class FillCheck:
         contrast: Largest change of contrast that is named as one of colours [ratio]. Programs set less; with
             more, any image becomes a flat one.
         dark: Mean level below which an image is called black [levels of 255].
+        unchanged: Largest difference inside the mask of a photograph that was not filled [ratio to that
+            outside, with a level added to both]: a JPEG changes both alike.
+        plain: Share of a hole that has one colour where it was left empty [1], within the difference that is
+            allowed outside: a JPEG frays the rim.
+        apart: Least difference of such a hole from the band around it [levels of 255]: a plain wall goes on
+            in its own colour.
         least_known: Share of the pixels that must be outside the mask for a comparison.
     """
 
@@ -50,6 +56,9 @@ class FillCheck:
     shift: float = 0.7
     contrast: float = 2.0
     dark: float = 2.0
+    unchanged: float = 1.2
+    plain: float = 0.9
+    apart: float = 24.0
     least_known: float = 0.02
 
 
@@ -73,8 +82,9 @@ def read_fills(given: Sequence[str | Path], scene: Scene) -> dict[str, np.ndarra
         RGB (H, W, 3), uint8, by the name of the view, in the order of the views.
 
     Raises:
-        InputError: a view or file does not exist, two images are of one view, or an image is not that view:
-            another size, turned, shifted, of other colours, black, or changed outside the mask.
+        InputError: a view or file does not exist, two images are of one view, an image is not that view
+            (another size, turned, shifted, of other colours, black, or changed outside the mask), or its hole
+            is not filled.
     """
     views = {view.name: view for view in scene.views}
     files = _files(given, views, {view.name for view in scene.test_views})
@@ -131,9 +141,33 @@ def _checked(pixels: np.ndarray, file: Path, view: View, views: Mapping[str, Vie
     if compared.mean() < CHECK.least_known:
         return pixels
     difference = _difference(pixels, view.pixels, compared)
-    if difference <= CHECK.difference:
-        return pixels
-    raise InputError(f"{file}: {_what_differs(pixels, view, views, compared, difference)}")
+    if difference > CHECK.difference:  # not where it is NaN
+        raise InputError(f"{file}: {_what_differs(pixels, view, views, compared, difference)}")
+    if view.mask is not None and view.mask.any():
+        _check_hole(pixels, file, view, view.mask)
+    return pixels
+
+
+def _check_hole(pixels: np.ndarray, file: Path, view: View, mask: np.ndarray) -> None:
+    """Refuse an image whose hole was not filled.
+
+    Raises:
+        InputError: the object is still there, or one colour that is not that around it.
+    """
+    import cv2
+
+    outside = _difference(pixels, view.pixels, _known(view))
+    inside = _difference(pixels, view.pixels, mask)
+    if inside <= CHECK.unchanged * (outside + 1.0) - 1.0:
+        raise InputError(f"{file}: is {view.name} with the object still there; give the image without it")
+    core = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1) > 0
+    around = ~mask & (cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0)
+    if not core.any() or not around.any():
+        return
+    color = np.median(pixels[core], axis=0)
+    plain = (np.abs(pixels[core] - color).max(axis=1) <= CHECK.difference).mean() >= CHECK.plain
+    if plain and np.abs(color - np.median(pixels[around], axis=0)).max() >= CHECK.apart:
+        raise InputError(f"{file}: one colour fills its mask; give the image with the hole filled")
 
 
 def _what_differs(
@@ -189,6 +223,8 @@ def _known(view: View) -> np.ndarray:
 def _difference(pixels: np.ndarray, photograph: np.ndarray, compared: np.ndarray) -> float:
     """Difference of two images where they are compared [levels]: the mean, or the median without a mask.
 
+    NaN where nothing is left of that at the size at which they are.
+
     Without a mask the filled part is among what is compared; it covers less than half.
     """
     import cv2
@@ -202,7 +238,7 @@ def _difference(pixels: np.ndarray, photograph: np.ndarray, compared: np.ndarray
     )
     weight = cv2.resize(compared.astype(np.float32), size, interpolation=cv2.INTER_AREA) == 1.0
     if not weight.any():
-        return 0.0
+        return float("nan")
     levels = np.abs(first - second).mean(axis=2)[weight]
     return float(np.median(levels) if compared.all() else levels.mean())
 
