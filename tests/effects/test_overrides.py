@@ -1,9 +1,12 @@
 """--effects: what it takes, and one line for what it does not."""
 
+from dataclasses import fields
+
 import pytest
 
 from diga3d_warp import cli
-from diga3d_warp.effects.overrides import format_overrides, parse_overrides
+from diga3d_warp.config import Effects
+from diga3d_warp.effects.overrides import SWITCHES, format_overrides, parse_overrides
 from diga3d_warp.errors import InputError
 
 
@@ -14,6 +17,11 @@ def test_parts_are_read_in_any_order_and_written_in_one():
     assert format_overrides(chosen) == "exposure=on,lens=off,sh_degree=1"
     assert parse_overrides(format_overrides(chosen)) == chosen
     assert parse_overrides("") == {}
+
+
+def test_every_effect_that_is_no_stages_need_can_be_chosen():
+    needed = {"depth", "median_depth", "normals", "deterministic"}
+    assert {*SWITCHES, "sh_degree"} == {each.name for each in fields(Effects)} - needed
 
 
 @pytest.mark.parametrize(

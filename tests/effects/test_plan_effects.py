@@ -24,7 +24,7 @@ from diga3d_warp.scene.camera import Distortion
 from diga3d_warp.scene.load import load_scene
 from scenes import random_gaussians
 
-OFF = Effects(sh_degree=0, lens=False, depth=False, background=False)
+OFF = Effects(sh_degree=0, lens=False, depth=False, background=False, surround=True)
 
 GAINS = tuple(1.0 + 0.15 * np.sin(2.5 * np.arange(14)))
 
@@ -255,12 +255,20 @@ def test_opaque_photographs_call_for_no_background(matte):
     assert said(plan, "background") == "the photographs cover their frames"
 
 
-def test_a_surround_is_the_users_choice(matte):
+def test_directions_that_no_photograph_looks_into_call_for_a_surround(matte):
     plan = plan_effects(matte)
-    assert not plan.effects.surround and by(plan, "surround") == "default"
+    assert plan.effects.surround and by(plan, "surround") == "scene"
     share = said(plan, "surround").removeprefix("the photographs look into ").split(" ")[0]
     assert 0 < int(share) < 60
-    assert plan_effects(matte, overrides={"surround": True}).effects.surround
+    assert not plan_effects(matte, overrides={"surround": False}).effects.surround
+    everywhere = replace(THRESHOLDS, directions=int(share) / 100 - 0.01)
+    assert not plan_effects(matte, thresholds=everywhere).effects.surround
+
+
+def test_what_was_cut_out_gets_no_surround(matte):
+    plan = plan_effects(cut_out(matte, 0.25))
+    assert plan.effects.background and not plan.effects.surround
+    assert said(plan, "surround").endswith("nothing behind it")
 
 
 def test_a_given_splat_keeps_its_surround_and_gets_none(matte):

@@ -170,12 +170,12 @@ def plan_effects(
     choose("depth", False, "stages that compare depth ask for it", "task")
     choose("median_depth", False, "no stage compares it", "task")
     choose("normals", False, "no stage compares them", "task")
-    choose("background", *_background(scene, thresholds))
+    cut_out = choose("background", *_background(scene, thresholds))
     if gaussians is not None:
         said = "it lies behind the splat" if surrounded else "the splat is taken as it is"
         choose("surround", surrounded, said, "splat")
     else:
-        choose("surround", False, _surround(scene), "default")
+        choose("surround", *_surround(scene, bool(cut_out), thresholds))
     looked_for = "looked for once the object is known" if chosen.get("shadow", True) else "not looked for"
     said = looked_for if takes_out else "no object is taken out"
     choose("shadow", takes_out, said, "task")
@@ -210,9 +210,12 @@ def _background(scene: Scene, thresholds: Thresholds) -> tuple[bool, str]:
     return part >= thresholds.transparency, said
 
 
-def _surround(scene: Scene) -> str:
+def _surround(scene: Scene, cut_out: bool, thresholds: Thresholds) -> tuple[bool, str]:
     seen = evidence.directions_seen([view.camera for view in scene.views])
-    return f"the photographs look into {100 * seen:.0f} % of all directions"
+    said = f"the photographs look into {100 * seen:.0f} % of all directions"
+    if cut_out:
+        return False, f"{said}, and what was cut out has nothing behind it"
+    return seen < thresholds.directions, said
 
 
 def _splat_order(scene: Scene, gaussians: Gaussians, thresholds: Thresholds) -> str:

@@ -31,6 +31,8 @@ class Thresholds:
             far away (Mip-Splatting, Yu et al. 2024, whose experiments begin at a factor of 2).
         transparency: Least part of the photographs' area that is transparent [ratio]. It is 30 px of
             640 x 480: less are stray pixels of an export, and whatever was cut out leaves a multiple.
+        directions: Least part of all directions that photographs look into, with which no view can look into
+            nothing [ratio]. A gap of 2 % of the sphere is 32 degrees wide, less than a view.
         order_side: Longest side of the pictures in which the order of gaussians is compared [px]: sorting
             each pixel is slow.
         image_side: Longest side of the images that colours are read from [px]. A pixel of them averages over
@@ -60,6 +62,7 @@ class Thresholds:
     worst_share: float = 0.1
     footprint_spread: float = 2.0
     transparency: float = 1e-4
+    directions: float = 0.98
     order_side: int = 160
     image_side: int = 320
     blur: float = 1.0
