@@ -21,6 +21,27 @@ def test_a_straight_edge_goes_on(slope):
     assert (found == surface).mean() > 0.985
 
 
+def spotted(surface: np.ndarray, spots: list[tuple[int, int]]) -> np.ndarray:
+    """A surface with spots where depth says that something behind it is seen."""
+    for row, column in spots:
+        surface = surface & (np.hypot(PLACES[0] - row, PLACES[1] - column) >= 3.5)
+    return surface
+
+
+def test_spots_of_wrong_depth_do_not_end_a_straight_edge():
+    edge = PLACES[0] > 30
+    spots = [(42, 40), (47, 26), (48, 52), (38, 55)]
+    known, through = split(spotted(edge, spots), HOLE)
+    found = occupancy(known, through, HOLE, 0, trusted=0.75)
+    assert found.trusted and (found.solid == edge).mean() > 0.985
+
+
+def test_the_gaps_of_a_lattice_stay_open():
+    gaps = [(row, column) for row in range(6, 60, 10) for column in range(5, 80, 10)]
+    known, through = split(spotted(np.ones_like(HOLE), gaps), HOLE)
+    assert not occupancy(known, through, HOLE, 0).solid[through].any()
+
+
 def test_the_corner_of_a_table_goes_on():
     surface = (PLACES[0] > 28) & (PLACES[1] < 42)
     found = occupancy(*split(surface, HOLE), HOLE, 0).solid

@@ -49,14 +49,30 @@ def occupancy(
         return Occupancy(known.copy(), False)
     if not through.any():
         return Occupancy(~through, True)
-    found = _by_lines(known, through, wanted, seed)
+    beyond = through & ~_specks(known, through, wanted)
+    found = _by_lines(known, beyond, wanted, seed)
     if found is not None:
-        return Occupancy(known | (found & ~through), True)
+        return Occupancy(known | (found & ~beyond), True)
     told = (known | through) & _near(wanted)
     if not agreed and known[told].sum() < trusted * told.sum():
         return Occupancy(known.copy(), False)
     inside = _smoothly(known, through) & ~through & ~known
     return Occupancy(known | _borne_out(inside, known, through, trusted), True)
+
+
+def _specks(known: np.ndarray, through: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Spots of `through` so small and few that depth may be wrong there, shape (H, W), bool."""
+    import cv2
+
+    near = _near(wanted)
+    told = int(((known | through) & near).sum())
+    _, label, stats, _ = cv2.connectedComponentsWithStats(through.astype(np.uint8), connectivity=4)
+    small = stats[:, cv2.CC_STAT_AREA] <= BOUNDARIES.speck * told
+    small[0] = False
+    found = small[label]
+    if (found & near).sum() > BOUNDARIES.specks * told:
+        return np.zeros_like(found)
+    return found
 
 
 def _borne_out(inside: np.ndarray, known: np.ndarray, through: np.ndarray, trusted: float) -> np.ndarray:

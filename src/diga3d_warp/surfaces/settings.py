@@ -165,6 +165,9 @@ class BoundarySettings:
             jagged rims of a splat's depth take two of a hundred.
         near: Distance from a line that counts as on it [texels].
         least: Texels of boundary from which a line is fitted; fewer are a speck.
+        speck: Largest spot of what is seen through, in shares of what is told [1], that does not contradict
+            lines: depth of a splat is wrong here and there, mostly around the object's foot.
+        specks: Share of all such spots together from which they do [1]: a lattice has many.
         ring: How far around a part is looked at, at least [texels]: beyond the specks of a splat's depth.
         around: How far around a part is looked at [roots of its area].
         told: Share of a part's surroundings of which photographs must say whether the surface is there [1].
@@ -175,6 +178,8 @@ class BoundarySettings:
     explained: float = 0.97
     near: float = 2.0
     least: int = 12
+    speck: float = 0.04
+    specks: float = 0.08
     ring: int = 6
     around: float = 0.35
     told: float = 0.25
