@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from diga3d_warp.propagation.fill import Fill, fill_references, invent, warp_fills
+from diga3d_warp.propagation.fill import Fill, RestSettings, fill_references, fill_rest, invent, warp_fills
 from diga3d_warp.propagation.references import References
 from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.scene.camera import Camera, look_at
@@ -182,6 +182,41 @@ def test_what_no_reference_shows_stays_missing():
     assert view.missing[outside].all() and not view.depth[outside].any()
     assert view.filled[inside].mean() > 0.98
     assert not view.missing[~backgrounds[2].unseen].any()
+
+
+def wide_behind(views: int):
+    """A hole that is twice as wide in the last views, and the fills of both references in all of them."""
+    backgrounds = [
+        background(camera, HOLE if i < 4 - views else 2 * HOLE) for i, camera in enumerate(CAMERAS)
+    ]
+    prior = Story()
+    fills = fill_references(CAMERAS, backgrounds, DEPTHS, REFERENCES, prior, seed=0)
+    return prior, backgrounds, warp_fills(CAMERAS, backgrounds, DEPTHS, REFERENCES, fills)
+
+
+def test_what_no_reference_shows_is_filled_once_for_all_further_views():
+    prior, backgrounds, warped = wide_behind(2)
+    fills = fill_rest(CAMERAS, backgrounds, DEPTHS, warped, prior, 0, RestSettings(views=1))
+    asked = prior.asked[2:]
+    (most,) = (i for i in (2, 3) if fills[i].invented.any())
+    assert len(asked) == 1 and most == max((2, 3), key=lambda i: warped[i].missing.sum())
+    np.testing.assert_array_equal(fills[most].invented, warped[most].missing)
+    other = 5 - most
+    assert fills[other].missing.mean() < 0.4 * warped[other].missing.mean(), "the rest is out of its sight"
+    new = warped[other].missing & fills[other].filled
+    np.testing.assert_allclose(fills[other].image[new], np.tile([0.2, 0.2, 0.9], (new.sum(), 1)), atol=0.03)
+    np.testing.assert_allclose(fills[other].depth[new], DEPTHS[other][new], rtol=5e-3)
+    for before, after in zip(warped, fills, strict=True):
+        np.testing.assert_array_equal(after.image[~before.missing], before.image[~before.missing])
+        np.testing.assert_array_equal(after.depth[before.filled], before.depth[before.filled])
+
+
+def test_further_views_are_bounded_and_rims_are_left():
+    prior, backgrounds, warped = wide_behind(2)
+    none = fill_rest(CAMERAS, backgrounds, DEPTHS, warped, prior, 0, RestSettings(views=0))
+    assert len(prior.asked) == 2 and none[3].missing.any()
+    fill_rest(CAMERAS, backgrounds, DEPTHS, warped, prior, 0, RestSettings(share=0.95))
+    assert len(prior.asked) == 2
 
 
 def test_where_everything_was_seen_nothing_is_invented():

@@ -23,7 +23,7 @@ from diga3d_warp.pipelines.run import Run, sampling_bar, say
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.propagation.appearance import propagate_appearance
 from diga3d_warp.propagation.charted import chart_views, photos_of
-from diga3d_warp.propagation.fill import Fill, fill_references, warp_fills
+from diga3d_warp.propagation.fill import Fill, fill_references, fill_rest, warp_fills
 from diga3d_warp.propagation.references import References
 from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.scene.scene import View
@@ -51,6 +51,8 @@ def fill_views(
 ) -> list[Fill]:
     """Put the charts into all views, fill what these leave of the references, and warp that to the others.
 
+    What no reference shows is filled in further views, unless every view is inpainted on its own later.
+
     References that the user filled are taken as they are.
     """
     cameras = [view.camera for view in views]
@@ -64,6 +66,8 @@ def fill_views(
             cameras, left, surfaces, references, prior, seed, together=together, own=given
         )
         warped = warp_fills(cameras, left, surfaces, references, fills)
+        if method.propagation == "warp":  # otherwise every view is inpainted on its own later
+            warped = fill_rest(cameras, left, surfaces, warped, prior, seed)
         _keep(folder, views, [each.completed(fill) for each, fill in zip(charted, warped, strict=True)])
 
     return read_fills(run.stage("fill", compute), views)

@@ -8,7 +8,7 @@ and from other references what that one does not show.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -167,6 +167,73 @@ def warp_fills(
         order = [own] + [k for k in range(len(fills)) if k != own]
         warped.append(_take(background, camera, [sources[k] for k in order]))
     return warped
+
+
+@dataclass(frozen=True)
+class RestSettings:
+    """When what no reference shows is filled in further views.
+
+    Attributes:
+        share: Part of a view's unseen pixels that may stay without a fill [1]: rims of a pixel or two between
+            the fills of several references, which the fit closes.
+        least: The same in pixels.
+        views: Further views, at most; each takes as long as a reference.
+    """
+
+    share: float = 0.05
+    least: int = 16
+    views: int = 3
+
+
+REST = RestSettings()
+
+
+def fill_rest(
+    cameras: Sequence[Camera],
+    backgrounds: Sequence[Background],
+    depths: Sequence[np.ndarray],
+    fills: Sequence[Fill],
+    prior: Prior,
+    seed: int,
+    settings: RestSettings = REST,
+) -> list[Fill]:
+    """Fill what no reference shows in the view that misses most, and warp it to the others; again until
+    little is missing.
+
+    Args:
+        cameras: One per view.
+        backgrounds: One per view.
+        depths: z of the splat without the object, one per view, shape (H, W); 0 where it shows nothing.
+        fills: From `warp_fills`.
+        prior: Fills what is missing.
+        seed: Seed of the prior.
+        settings: When little is missing.
+    """
+    found = list(fills)
+    for _ in range(settings.views):
+        most = max(range(len(found)), key=lambda i: int(found[i].missing.sum()))
+        missing = found[most].missing
+        if missing.sum() < max(settings.share * backgrounds[most].unseen.sum(), settings.least):
+            break
+        at = found[most]
+        image, depth = invent(
+            at.image, np.where(at.filled, at.depth, depths[most]), missing, prior, seed,
+            alpha=backgrounds[most].alpha,
+        )  # fmt: skip
+        surface = np.where(at.filled | missing, depth, 0.0).astype(np.float32)
+        found[most] = Fill(image, surface, at.filled | missing, at.invented | missing, np.zeros_like(missing))
+        alone = replace(found[most], depth=np.where(missing, surface, 0.0), filled=missing)
+        rim = np.where(rim_of(missing), np.where(at.filled, at.depth, depths[most]), 0.0).astype(np.float32)
+        source = _Source(alone, rim, cameras[most])
+        for i, (camera, background) in enumerate(zip(cameras, backgrounds, strict=True)):
+            if found[i].missing.any():
+                left = replace(background, image=found[i].image, unseen=found[i].missing)
+                more = _take(left, camera, [source])
+                found[i] = Fill(
+                    more.image, np.where(more.filled, more.depth, found[i].depth),
+                    found[i].filled | more.filled, found[i].invented, more.missing,
+                )  # fmt: skip
+    return found
 
 
 @dataclass(frozen=True, eq=False)

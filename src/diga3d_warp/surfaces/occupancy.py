@@ -49,10 +49,10 @@ def occupancy(
         return Occupancy(known.copy(), False)
     if not through.any():
         return Occupancy(~through, True)
-    beyond = through & ~_specks(known, through, wanted)
-    found = _by_lines(known, beyond, wanted, seed)
+    through = through & ~_specks(known, through, wanted)
+    found = _by_lines(known, through, wanted, seed)
     if found is not None:
-        return Occupancy(known | (found & ~beyond), True)
+        return Occupancy(known | (found & ~through), True)
     told = (known | through) & _near(wanted)
     if not agreed and known[told].sum() < trusted * told.sum():
         return Occupancy(known.copy(), False)

@@ -141,9 +141,10 @@ def poll(
     with np.errstate(invalid="ignore"):
         agreed = alike >= how.alike_there
         differing = (alike < how.unlike) & (compared.unlike > how.differing)
-    # Depth that says what photographs agree on is finer than their windows.
+    # Depth that says what photographs agree on is finer than their windows, and wrong in spots.
     if not agreed.any() or float(occupied[agreed].mean()) >= how.depth_right:
-        return Polled(occupied, through, unseen, finest.astype(np.float32), worth)
+        sure = _within(agreed, how.window)
+        return Polled(occupied | sure, through & ~sure, unseen, finest.astype(np.float32), worth)
     differing |= _elsewhere(frame, photos, compared, how)
     occupied = np.isfinite(brightness) & ~differing
     return Polled(
@@ -179,6 +180,13 @@ def _compared(
         level = min(max(round(np.log2(max(pixels, 1.0))), 0), how.levels)
         samples.append(Grey.of(photos[number]).smaller(level).at(points))
     return agreement(samples, [2 * int(how.window * times / 2.0) + 1 for times in how.grown], how)
+
+
+def _within(mask: np.ndarray, side: int) -> np.ndarray:
+    """Where a square about a texel lies in the mask, as far as the chart reaches, shape (H, W), bool."""
+    import cv2
+
+    return cv2.erode(mask.astype(np.uint8), np.ones((side, side), np.uint8), borderValue=1) > 0
 
 
 def _grown(values: np.ndarray, frame: Frame) -> np.ndarray:
