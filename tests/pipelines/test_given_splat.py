@@ -72,7 +72,7 @@ def test_a_surround_is_published_behind_the_splat_and_taken_back(room, tmp_path,
     """Stages do without it: a fit that comes back as a given splat has as many gaussians as before."""
     monkeypatch.setattr(stages, "priced", lambda plan, *_: plan)
     first = Run(tmp_path / "first", "fit", {})
-    working = stages.begin(first, load_scene(room), {"surround": True})
+    working = stages.begin(first, load_scene(room))
     kept = stages.fit_source(first, working, FitSettings(iterations=3, budget=0), seed=0)
     published, _ = stages.finish(first, "fit")
     assert len(published) == len(kept) + SURROUND.count
@@ -88,7 +88,7 @@ def test_a_surround_is_published_behind_the_splat_and_taken_back(room, tmp_path,
     torch.testing.assert_close(republished.means, published.means, rtol=1e-5, atol=1e-5)
 
     without = Run(tmp_path / "without", "fit", {})
-    plain = stages.begin(without, load_scene(room))
+    plain = stages.begin(without, load_scene(room), {"surround": False})
     fitted = stages.fit_source(without, plain, FitSettings(iterations=3, budget=0), seed=0)
     assert len(stages.finish(without, "fit")[0]) == len(fitted)
 

@@ -46,7 +46,7 @@ def test_the_run_folder_holds_what_it_should(removed):
     assert [stage["name"] for stage in manifest["stages"]] == stages
     assert manifest["held_to"].keys() >= {"capture", "settings", "seed", "effects", "prior", "method"}
     effects = replace(run_effects(manifest), shadow=False)  # whether seven views tell of it
-    assert effects == Effects(sh_degree=3, lens=False, depth=False, background=False)
+    assert effects == Effects(sh_degree=3, lens=False, depth=False, background=False, surround=True)
     assert {"fit", "refit", "distil"} <= set(json.loads((removed.folder / "metrics.json").read_text()))
     assert not [path for path in removed.folder.rglob("*") if ".partial" in path.name]
     returned = {"point_cloud.ply": removed.result.gaussians, "source.ply": removed.result.source}
@@ -92,7 +92,7 @@ def test_held_gaussians_keep_their_bits(removed):
     free = np.load(stages / "clear" / "free.npy")
     left = stage_splat(removed.result.run, "clear")
     counts = json.loads((stages / "clear" / "counts.json").read_text())
-    source = len(removed.result.source)
+    source = len(stage_splat(removed.result.run, "fit"))
     assert counts == {"object": source - len(left), "left": len(left)}
     assert 20 < counts["object"] < 0.5 * source
     assert 0.2 < (~free).mean() < 1.0

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from tiny_removal import SETTINGS
+from tiny_removal import SETTINGS, stage_splat
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.lift import object_share
@@ -78,17 +78,18 @@ def test_what_is_unmasked_stays(golden, removed):
 
 def test_other_gaussians_keep_their_bits_and_the_object_its_shape(golden, removed):
     rows = np.load(golden.run.folder / "stages" / "lift" / "object.npy")
-    rest = golden.source.select(torch.from_numpy(~rows))
+    source, final = (stage_splat(golden.run, name) for name in ("fit", "refit"))
+    rest = source.select(torch.from_numpy(~rows))
     assert 0 < rows.sum() < len(rows)
-    for (name, now), (_, then) in zip(golden.gaussians.named(), rest.named(), strict=True):
+    for (name, now), (_, then) in zip(final.named(), rest.named(), strict=True):
         assert torch.equal(now[: len(rest)], then), name
-    count = len(golden.gaussians) - len(rest)
+    count = len(final) - len(rest)
     assert count >= rows.sum()
-    new = torch.arange(len(golden.gaussians)) >= len(rest)
+    new = torch.arange(len(final)) >= len(rest)
     for view in removed.scene.views:
         shapes = [
             object_share(gaussians, view.camera, each).numpy() > 0.5
-            for gaussians, each in ((golden.source, torch.from_numpy(rows)), (golden.gaussians, new))
+            for gaussians, each in ((source, torch.from_numpy(rows)), (final, new))
         ]
         assert (shapes[0] & shapes[1]).sum() > 0.75 * (shapes[0] | shapes[1]).sum()
 
