@@ -116,7 +116,7 @@ def test_too_few_points_keep_the_defaults_and_say_so():
 
 def test_a_splat_is_rendered_as_it_was_fitted(matte):
     plan = plan_effects(matte, random_gaussians(10, degree=2))
-    assert plan.effects == Effects(**{**vars(OFF), "sh_degree": 2})
+    assert plan.effects == Effects(**{**vars(OFF), "sh_degree": 2, "surround": False})
     assert by(plan, "sh_degree") == by(plan, "exposure") == by(plan, "pixel_order") == "splat"
     assert said(plan, "pixel_order").startswith("fitted without; sorting each pixel would change it by")
 
@@ -240,7 +240,7 @@ def cut_out(scene, share: float, every: int = 1):
 
 def test_transparent_pixels_call_for_a_background_and_for_nothing_else(matte):
     plan = plan_effects(cut_out(matte, 0.25))
-    assert plan.effects == Effects(**{**vars(OFF), "background": True})
+    assert plan.effects == Effects(**{**vars(OFF), "background": True, "surround": False})
     assert by(plan, "background") == "scene"
     assert said(plan, "background") == "25 % of all pixels are transparent, in 14 of 14 photographs"
     assert "12.5 %" in said(plan_effects(cut_out(matte, 0.25, every=2)), "background")

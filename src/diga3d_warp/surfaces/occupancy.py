@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from diga3d_warp.surfaces.membrane import membrane
+from diga3d_warp.surfaces.parts import border_labels
 from diga3d_warp.surfaces.settings import BOUNDARIES
 
 
@@ -68,7 +69,8 @@ def _specks(known: np.ndarray, through: np.ndarray, wanted: np.ndarray) -> np.nd
     told = int(((known | through) & near).sum())
     _, label, stats, _ = cv2.connectedComponentsWithStats(through.astype(np.uint8), connectivity=4)
     small = stats[:, cv2.CC_STAT_AREA] <= BOUNDARIES.speck * told
-    small[0] = False
+    # What reaches the chart's border may be a part of more.
+    small[border_labels(label)] = False
     found = small[label]
     if (found & near).sum() > BOUNDARIES.specks * told:
         return np.zeros_like(found)

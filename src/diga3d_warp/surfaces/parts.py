@@ -36,3 +36,8 @@ def surroundings_of(part: np.ndarray, margin: float, least: int) -> tuple[slice,
         slice(max(int(rows[0]) - pad, 0), int(rows[-1]) + pad + 1),
         slice(max(int(columns[0]) - pad, 0), int(columns[-1]) + pad + 1),
     )
+
+
+def border_labels(label: np.ndarray) -> np.ndarray:
+    """Numbers of the parts (H, W) that reach the border, and 0, that of none of them."""
+    return np.unique(np.concatenate([[0], label[[0, -1]].ravel(), label[:, [0, -1]].ravel()]))

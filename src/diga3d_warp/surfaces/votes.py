@@ -16,6 +16,7 @@ from diga3d_warp.surfaces.agreement import Agreement, Grey, agreement
 from diga3d_warp.surfaces.chart import Frame
 from diga3d_warp.surfaces.look import Look, density_of, look
 from diga3d_warp.surfaces.photo import Photo
+from diga3d_warp.surfaces.parts import border_labels
 from diga3d_warp.surfaces.planes import mean_eye
 from diga3d_warp.surfaces.settings import AGREEMENT, SURFACES, AgreementSettings, SurfaceSettings
 from diga3d_warp.surfaces.sweep import spread
@@ -143,8 +144,8 @@ def poll(
         differing = (alike < how.unlike) & (compared.unlike > how.differing)
     # Depth that says what photographs agree on is finer than their windows, and wrong in spots.
     if not agreed.any() or float(occupied[agreed].mean()) >= how.depth_right:
-        sure = _within(agreed, how.window)
-        return Polled(occupied | sure, through & ~sure, unseen, finest.astype(np.float32), worth)
+        wrong = _spots(through, agreed)
+        return Polled(occupied | wrong, through & ~wrong, unseen, finest.astype(np.float32), worth)
     differing |= _elsewhere(frame, photos, compared, how)
     occupied = np.isfinite(brightness) & ~differing
     return Polled(
@@ -182,11 +183,18 @@ def _compared(
     return agreement(samples, [2 * int(how.window * times / 2.0) + 1 for times in how.grown], how)
 
 
-def _within(mask: np.ndarray, side: int) -> np.ndarray:
-    """Where a square about a texel lies in the mask, as far as the chart reaches, shape (H, W), bool."""
+def _spots(through: np.ndarray, agreed: np.ndarray) -> np.ndarray:
+    """Spots of `through`, most of which photographs agree to be of the surface, shape (H, W), bool.
+
+    Windows reach over a surface's edge, so that what comes to the chart's border is no spot.
+    """
     import cv2
 
-    return cv2.erode(mask.astype(np.uint8), np.ones((side, side), np.uint8), borderValue=1) > 0
+    count, label = cv2.connectedComponents(through.astype(np.uint8), connectivity=4)
+    share = np.bincount(label.ravel(), agreed.ravel(), count) / np.bincount(label.ravel(), minlength=count)
+    wrong = share > 0.5
+    wrong[border_labels(label)] = False
+    return wrong[label]
 
 
 def _grown(values: np.ndarray, frame: Frame) -> np.ndarray:
