@@ -15,8 +15,8 @@ import numpy as np
 from diga3d_warp.surfaces.agreement import Agreement, Grey, agreement
 from diga3d_warp.surfaces.chart import Frame
 from diga3d_warp.surfaces.look import Look, density_of, look
-from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.parts import border_labels
+from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.planes import mean_eye
 from diga3d_warp.surfaces.settings import AGREEMENT, SURFACES, AgreementSettings, SurfaceSettings
 from diga3d_warp.surfaces.sweep import spread
