@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from diga3d_warp.surfaces.membrane import membrane
-from diga3d_warp.surfaces.parts import border_labels
+from diga3d_warp.surfaces.parts import border_labels, rimmed
 from diga3d_warp.surfaces.settings import BOUNDARIES
 
 
@@ -72,7 +72,7 @@ def _specks(known: np.ndarray, through: np.ndarray, wanted: np.ndarray) -> np.nd
     # What reaches the chart's border may be a part of more.
     small[border_labels(label)] = False
     found = small[label]
-    if (found & near).sum() > BOUNDARIES.specks * told:
+    if (found & near).sum() > BOUNDARIES.specks * told or rimmed(found, known | through, wanted):
         return np.zeros_like(found)
     return found
 

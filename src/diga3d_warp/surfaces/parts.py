@@ -41,3 +41,12 @@ def surroundings_of(part: np.ndarray, margin: float, least: int) -> tuple[slice,
 def border_labels(label: np.ndarray) -> np.ndarray:
     """Numbers of the parts (H, W) that reach the border, and 0, that of none of them."""
     return np.unique(np.concatenate([[0], label[[0, -1]].ravel(), label[:, [0, -1]].ravel()]))
+
+
+def rimmed(spots: np.ndarray, told: np.ndarray, wanted: np.ndarray) -> bool:
+    """Whether spots (H, W) are most of what is told beside the wanted: then they are no exception."""
+    import cv2
+
+    beside = cv2.dilate(wanted.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    beside &= told & ~wanted
+    return bool(2 * (spots & beside).sum() > beside.sum())

@@ -15,7 +15,7 @@ import numpy as np
 from diga3d_warp.surfaces.agreement import Agreement, Grey, agreement
 from diga3d_warp.surfaces.chart import Frame
 from diga3d_warp.surfaces.look import Look, density_of, look
-from diga3d_warp.surfaces.parts import border_labels
+from diga3d_warp.surfaces.parts import border_labels, rimmed
 from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.planes import mean_eye
 from diga3d_warp.surfaces.settings import AGREEMENT, SURFACES, AgreementSettings, SurfaceSettings
@@ -145,6 +145,8 @@ def poll(
     # Depth that says what photographs agree on is finer than their windows, and wrong in spots.
     if not agreed.any() or float(occupied[agreed].mean()) >= how.depth_right:
         wrong = _spots(through, agreed)
+        if rimmed(wrong, occupied | through, unseen & ~occupied & ~through):
+            wrong = np.zeros_like(wrong)
         return Polled(occupied | wrong, through & ~wrong, unseen, finest.astype(np.float32), worth)
     differing |= _elsewhere(frame, photos, compared, how)
     occupied = np.isfinite(brightness) & ~differing
