@@ -1,0 +1,1 @@
+"""The mirror image of an object in the surface that it stands on."""
