@@ -23,6 +23,7 @@ RANKS = (
     {"surfaces"},
     {"propagation", "evaluation", "objects"},
     {"shadows"},
+    {"mirrors"},
     {"effects"},
     {"pipelines"},
     {"doctor", "bench"},

@@ -137,7 +137,8 @@ class Effects:
         background: Blend a colour behind all gaussians.
         surround: Put a shell of gaussians behind the splat, over which it is fitted, so that no view looks
             into nothing (`gaussians.surround`). `render` does not read this.
-        shadow: Take the shadow and the mirror image of an object out with it (`shadows`). `render` does not
+        shadow: Take the shadow of an object out with it (`shadows`). `render` does not read this.
+        mirror: Take the mirror image of an object in its support out with it (`mirrors`). `render` does not
             read this.
         pixel_order: As in `Accuracy`, for scenes whose large gaussians pop between views.
         deterministic: Sum the gradients of blending in a fixed order. Always so on CPU, where it is free; on
@@ -154,5 +155,6 @@ class Effects:
     background: bool = True
     surround: bool = False
     shadow: bool = False
+    mirror: bool = False
     pixel_order: bool = False
     deterministic: bool = False

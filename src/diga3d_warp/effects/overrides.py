@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from diga3d_warp.errors import InputError
 
-SWITCHES = ("lens", "antialias", "exposure", "background", "pixel_order", "surround", "shadow")
+SWITCHES = ("lens", "antialias", "exposure", "background", "pixel_order", "surround", "shadow", "mirror")
 """Effects that are on or off. Depth, normals and determinism follow the task, not a wish."""
 
 DEGREES = ("0", "1", "2", "3")

@@ -121,8 +121,8 @@ def plan_effects(
             by the order of centres, without exposure.
         antialiased: Whether that splat was fitted with anti-aliasing.
         surrounded: Whether that splat came with a surround.
-        takes_out: Whether an object is taken out. Its shadow is then looked for once its gaussians are known,
-            see `effects.shadow`.
+        takes_out: Whether an object is taken out. Its shadow and its mirror image are then looked for once
+            its gaussians are known, see `effects.shadow` and `effects.mirror`.
         overrides: Effects on which the user insists, by name; later evidence takes them into account. See
             `parse_overrides`.
         thresholds: When the evidence suffices.
@@ -176,9 +176,9 @@ def plan_effects(
         choose("surround", surrounded, said, "splat")
     else:
         choose("surround", *_surround(scene, bool(cut_out), thresholds))
-    looked_for = "looked for once the object is known" if chosen.get("shadow", True) else "not looked for"
-    said = looked_for if takes_out else "no object is taken out"
-    choose("shadow", takes_out, said, "task")
+    for effect in ("shadow", "mirror"):
+        looked_for = "looked for once the object is known" if chosen.get(effect, True) else "not looked for"
+        choose(effect, takes_out, looked_for if takes_out else "no object is taken out", "task")
     choose("deterministic", False, "sums on CPU have a fixed order without it", "task")
     order = [entry.name for entry in fields(Effects)]
     return EffectsPlan(tuple(sorted(choices, key=lambda c: order.index(c.effect))), tuple(notes))

@@ -136,8 +136,11 @@ class Comparison:
     Args:
         seen: The photographs.
         domain: Texels that are compared, shape (H, W), bool.
-        bare: Where the mirror image is in none of the compared places, shape (V, H, W): tones are evened there.
+        bare: Where no mirror image is, shape (V, H, W), bool: tones are evened there.
         settings: Noise, rounds, bounds.
+
+    Attributes:
+        view: Photograph of each sample, shape (S,).
     """
 
     def __init__(
@@ -145,9 +148,12 @@ class Comparison:
     ) -> None:
         self._settings = settings
         self._used = seen.shown & domain
-        self._texel = np.broadcast_to(np.arange(domain.size).reshape(domain.shape), self._used.shape)[self._used]
+        texels = np.arange(domain.size).reshape(domain.shape)
+        views = np.arange(len(self._used))[:, None, None]
         self._shape = domain.shape
-        self.view = np.broadcast_to(np.arange(len(self._used))[:, None, None], self._used.shape)[self._used]
+        self._texel, self.view = (
+            np.broadcast_to(each, self._used.shape)[self._used] for each in (texels, views)
+        )
         colors = seen.colors[self._used].astype(np.float64)
         beside = bare[self._used]
         for _ in range(2):

@@ -43,14 +43,15 @@ class MirrorEvidence:
         gloss: Reflectance of the support [1].
         strength: Deviation that the mirror image makes where it lies [linear light].
         explained: Part that it explains of how photographs differ there [1].
-        beyond: Ratio of what it explains to what the object elsewhere under the support does [1].
+        beyond: Ratio of what it explains to what the object elsewhere under the support does [1]; None where
+            the rest is not enough to ask.
         alike: Part of the photographs that show gloss on their own [1].
     """
 
     gloss: float
     strength: float
     explained: float
-    beyond: float
+    beyond: float | None
     alike: float
 
     def suffices(self, settings: MirrorSettings = MIRRORS) -> bool:
@@ -59,7 +60,7 @@ class MirrorEvidence:
             self.gloss >= settings.gloss
             and self.strength >= settings.strength
             and self.explained >= settings.explained
-            and self.beyond >= settings.beyond
+            and (self.beyond is None or self.beyond >= settings.beyond)
             and self.alike >= settings.alike
         )
 
@@ -95,7 +96,7 @@ def find_mirror(
         gloss=fitted.gloss,
         strength=float(np.sqrt((made**2).mean())) if inside.any() else 0.0,
         explained=comparison.explained(here, fitted, inside),
-        beyond=np.inf,
+        beyond=None,
         alike=_alike(comparison, here, inside, settings),
     )
     mirror = Mirror(frame, surface, support.height)

@@ -10,7 +10,7 @@ class MirrorSettings:
     """When something is taken for the mirror image of an object, and how much of it is cleared.
 
     Attributes:
-        texels: Longer side of the chart in which photographs are compared [texels]: one to three pixels a texel.
+        texels: Longer side of the chart in which photographs are compared [texels]: some pixels a texel.
         reach: Farthest that a mirror image is followed from the object's foot [object heights]: at 10
             degrees above the horizon it is as long.
         hidden: Height over the support from which depth tells of something that stands before it [object

@@ -171,7 +171,7 @@ class Behind:
 
 def look_behind(
     run: Run, views: Sequence[View], edit_masks: Masks, cleared: Cleared, others: Sequence[View] = (),
-    shadow: Shadow | None = None,
+    shadow: Shadow | None = None, masks_of: str = LIFT,
 ) -> Behind:  # fmt: skip
     """Background that other views observed behind the object, and depth of the cleared scene, per view.
 
@@ -182,6 +182,7 @@ def look_behind(
         cleared: The scene without the object.
         others: Held-out views; only their masks are extended by the shadow.
         shadow: Of the object; None if it casts none.
+        masks_of: The stage that made the masks.
     """
 
     def compute(folder: Path) -> None:
@@ -224,7 +225,7 @@ def look_behind(
         backgrounds.append(Background(unseen, image, mask & ~unseen, alpha))
         depths.append(read_array(folder / f"{view.name}.depth.npy"))
     if shadow is None:
-        return Behind(lit, backgrounds, depths, edit_masks, LIFT)
+        return Behind(lit, backgrounds, depths, edit_masks, masks_of)
     changed = read_masks(folder / "masks", [*views, *others])
     return Behind(lit, backgrounds, depths, changed, "look-behind")
 

@@ -3,6 +3,8 @@
 effects      choice of the effects to simulate
 fit          the splat of the capture; photographs then take its exposure
 lift         masks lifted to the object's gaussians, and widened
+mirror       its mirror image in a glossy support, which goes with it
+shadow       its shadow on the support, which is relit
 clear        those gaussians deleted
 look-behind  each mask shrunk to what no view saw behind the object
 charts       surfaces that go on behind the object, filled in their own coordinates
@@ -36,7 +38,17 @@ from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.perception.depth import DepthEstimator
-from diga3d_warp.pipelines import charting, clearing, coarse, fine, marking, mask_propagation, shading, stages
+from diga3d_warp.pipelines import (
+    charting,
+    clearing,
+    coarse,
+    fine,
+    marking,
+    mask_propagation,
+    mirroring,
+    shading,
+    stages,
+)
 from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.fit import conclude, fit_settings
 from diga3d_warp.pipelines.free_text import reads_free_text
@@ -187,14 +199,23 @@ def take_out(
     scene = stages.correct_exposure(run, scene)
     object_masks = mask_propagation.propagate_masks(run, scene, source, marks, settings.lift)
     rows, edit_masks = clearing.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
-    wish = (effects or {}).get("shadow")
+    wishes = {name: bool(value) for name, value in (effects or {}).items()}
+    image = mirroring.find_image(
+        run, scene, edit_masks, source, rows, settings.lift, settings.masking, wishes.get("mirror"), seed,
+        filled=filled or bool(own),
+    )  # fmt: skip
     shade = shading.find_shade(
-        run, scene, edit_masks, source, rows, settings.lift, settings.masking,
-        None if wish is None else bool(wish), seed, filled=filled or bool(own),
+        run, scene, edit_masks, source, rows, settings.lift, settings.masking, wishes.get("shadow"), seed,
+        filled=filled or bool(own), besides=image.masks if image else None,
     )  # fmt: skip
     rows, edit_masks, shadow = shade.rows, shade.edit_masks, shade.shadow
-    cleared = clearing.clear_object(run, scene.views, edit_masks, source, rows, settings.lift, shadow)
-    behind = clearing.look_behind(run, scene.views, edit_masks, cleared, scene.test_views, shadow)
+    holes_of, out, made = edit_masks, rows, stages.LIFT
+    if image is not None:
+        holes_of, out, made = image.with_object(edit_masks), rows | image.rows, mirroring.STAGE
+    cleared = clearing.clear_object(run, scene.views, holes_of, source, out, settings.lift, shadow)
+    behind = clearing.look_behind(
+        run, scene.views, holes_of, cleared, scene.test_views, shadow, masks_of=made
+    )
     views, backgrounds, depths = behind.views, behind.backgrounds, behind.depths
     scene = replace(scene, views=views)
     # Charts would tell another story than references that the user filled.
@@ -204,7 +225,7 @@ def take_out(
         else charting.chart_surfaces(run, views, backgrounds, depths, scene.points, prior, method, seed)
     )
     unseen = [at.unseen for at in backgrounds]
-    holes = unseen if any(hole.any() for hole in unseen) else [edit_masks[view.name] for view in views]
+    holes = unseen if any(hole.any() for hole in unseen) else [holes_of[view.name] for view in views]
     references = stages.choose_references(run, views, holes, method, seed, own)
     fills = coarse.fill_views(run, views, backgrounds, depths, charts, references, prior, method, seed, own)
     fills = coarse.propagate(run, views, backgrounds, depths, fills, references, prior, method, seed)

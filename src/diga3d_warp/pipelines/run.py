@@ -167,6 +167,10 @@ class Run:
         self._manifest[subject] = data
         self._write_manifest()
 
+    def recorded(self, subject: str) -> Any:
+        """What `record` put there."""
+        return self._manifest[subject]
+
     def publish(self, source: Path, name: str) -> Path:
         """Copy a stage's product to `name` in the run folder."""
         target = self.folder / name

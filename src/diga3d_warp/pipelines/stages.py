@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from diga3d_warp.config import Effects
-from diga3d_warp.effects.plan import EffectsPlan, plan_effects
+from diga3d_warp.effects.plan import Choice, EffectsPlan, plan_effects
 from diga3d_warp.effects.prices import priced
 from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.record import CAMERAS, RESULT, SOURCE, CurveRecord, EffectsRecord
@@ -142,6 +142,13 @@ def begin(
         scene, working = scene.without_lens(), working.without_lens()
     save_cameras(run.folder / CAMERAS, CameraSet.of(with_near_planes(scene)))
     return working.with_alpha(plan.effects.background)
+
+
+def decide(run: Run, choice: Choice) -> None:
+    """Replace a choice of the plan by what a stage has found since."""
+    plan = EffectsPlan.from_json(run.recorded("effects")).replaced(choice)
+    run.effects = replace(run.effects, **{choice.effect: choice.value})  # type: ignore[arg-type]
+    run.record("effects", plan.as_json())
 
 
 def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaussians:
