@@ -140,7 +140,18 @@ def test_without_propagation_views_are_edited_alone(prior):
         FreeText.of(prior, "a vase", "", "retexture", WARPED)
 
 
-REMOVAL = ("effects", "fit", "lift", "shadow", "clear", "look-behind", "charts", "references", "fill")
+REMOVAL = (
+    "effects",
+    "fit",
+    "lift",
+    "mirror",
+    "shadow",
+    "clear",
+    "look-behind",
+    "charts",
+    "references",
+    "fill",
+)
 REMOVAL += ("propagate", "refit")
 IMAGINE = ReplaceSettings(
     removal=replace(SETTINGS, distil=replace(DISTIL, iterations=8), method=SAMPLED),

@@ -39,13 +39,25 @@ def test_the_run_folder_holds_what_it_should(removed):
     assert len(names) == 9
     for folder in ("views/before", "views/after", "masks"):
         assert sorted(file.name for file in (removed.folder / folder).iterdir()) == names
-    stages = ["effects", "fit", "lift", "shadow", "clear", "look-behind", "charts", "references", "fill"]
+    stages = [
+        "effects",
+        "fit",
+        "lift",
+        "mirror",
+        "shadow",
+        "clear",
+        "look-behind",
+        "charts",
+        "references",
+        "fill",
+    ]
     stages += ["propagate", "refit", "distil", "views"]
     assert sorted(entry.name for entry in (removed.folder / "stages").iterdir()) == sorted(stages)
     manifest = json.loads((removed.folder / "manifest.json").read_text())
     assert [stage["name"] for stage in manifest["stages"]] == stages
     assert manifest["held_to"].keys() >= {"capture", "settings", "seed", "effects", "prior", "method"}
-    effects = replace(run_effects(manifest), shadow=False)  # whether seven views tell of it
+    # Whether seven views tell of a shadow and a mirror image.
+    effects = replace(run_effects(manifest), shadow=False, mirror=False)
     assert effects == Effects(sh_degree=3, lens=False, depth=False, background=False, surround=True)
     assert {"fit", "refit", "distil"} <= set(json.loads((removed.folder / "metrics.json").read_text()))
     assert not [path for path in removed.folder.rglob("*") if ".partial" in path.name]

@@ -20,7 +20,18 @@ QUICK = ReplaceSettings(
     removal=SETTINGS, settle=with_changes(SETTLE, iterations=30), grow=with_changes(GROW, iterations=30)
 )
 
-REMOVAL = ["effects", "fit", "lift", "shadow", "clear", "look-behind", "charts", "references", "fill"]
+REMOVAL = [
+    "effects",
+    "fit",
+    "lift",
+    "mirror",
+    "shadow",
+    "clear",
+    "look-behind",
+    "charts",
+    "references",
+    "fill",
+]
 REMOVAL += ["propagate", "refit", "distil"]
 
 

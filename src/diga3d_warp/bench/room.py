@@ -35,7 +35,7 @@ SETTINGS = RemoveSettings(
 """Fewer iterations than a removal takes by default: a quarter of the pixels, and the gaussians of the hole
 start on the filled surface."""
 
-CAPTURED = ("effects", "fit", "lift", "shadow", "clear", "look-behind")
+CAPTURED = ("effects", "fit", "lift", "mirror", "shadow", "clear", "look-behind")
 """Stages of a removal that depend on the capture and its masks only, not on how the hole is filled."""
 
 

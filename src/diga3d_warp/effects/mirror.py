@@ -20,8 +20,9 @@ def choose_mirror(
     if evidence is None:
         return Choice("mirror", False, "no surface tells of it under the object", "scene")
     said = (
-        f"the support reflects {100 * evidence.gloss:.0f} % of the light; the mirrored object explains "
-        f"{100 * evidence.explained:.0f} % of how photographs differ there"
+        f"the support reflects {100 * max(evidence.gloss, 0.0):.0f} % of the light; the mirrored object "
+        f"explains {100 * evidence.explained:.0f} % of how photographs differ there, its colours alone "
+        f"{100 * evidence.detail:.0f} % of the rest"
     )
     if evidence.beyond is not None:
         said += f", {evidence.beyond:.1f} times as much as elsewhere under the support"

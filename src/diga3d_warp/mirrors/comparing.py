@@ -5,6 +5,9 @@ shows b + gloss * (m - room) * cover, with m the colour of the mirrored object a
 object hides from the mirror. So the mean over photographs is taken from every texel first, and what is left
 is explained by the mirror image, taken from its mean alike (a fit with fixed effects). A shadow, a stain or a
 texture is the same in all photographs of a texel, and falls out.
+
+What lies behind a pane moves like a mirror image, and may have an outline like the object's. It has not its
+colours: so a mirror image must explain more than its outline does.
 """
 
 from __future__ import annotations
@@ -180,17 +183,10 @@ class Comparison:
             variance = around[0] / np.maximum(around[1], 1e-6)
             self._weight = 1.0 / (variance.ravel()[self._texel] + self._settings.noise**2)
 
-    def fit(self, covered: Covered, rows: np.ndarray | None = None) -> Fitted:
-        """The gloss and the room that explain the photographs best.
-
-        Args:
-            covered: The mirrored object.
-            rows: Samples to use; all if None.
-        """
+    def fit(self, covered: Covered) -> Fitted:
+        """The gloss and the room that explain the photographs best."""
         cover, color = self._parts(covered)
-        chosen = slice(None) if rows is None else rows
-        weight, cover, color = self._weight[chosen], cover[chosen], color[chosen]
-        seen = self._colors[chosen]
+        weight, seen = self._weight, self._colors
         weighed = weight * cover
         own = float(weighed @ cover)
         if not own > 0.0:
@@ -212,6 +208,29 @@ class Comparison:
         gloss = float(GLOSSES[best])
         room = light[best] / max(gloss, 1e-9)
         return Fitted(gloss, (float(room[0]), float(room[1]), float(room[2])))
+
+    def detail(self, covered: Covered, rows: np.ndarray) -> tuple[float, float]:
+        """What the colours of the mirrored object explain beyond its outline, of any one colour.
+
+        Args:
+            covered: The mirrored object.
+            rows: Samples to use.
+
+        Returns:
+            Gloss by that alone, and the part that it explains of what the outline leaves [1].
+        """
+        cover, color = self._parts(covered)
+        weight, cover, color = self._weight[rows], cover[rows], color[rows]
+        own = max(float((weight * cover) @ cover), 1e-12)
+
+        def beyond_outline(values: np.ndarray) -> np.ndarray:
+            return np.asarray(values - cover[:, None] * ((weight * cover) @ values) / own)
+
+        seen, color = beyond_outline(self._colors[rows]), beyond_outline(color)
+        squares, total = ((weight[:, None] * each**2).sum() for each in (color, seen))
+        product = float((weight[:, None] * color * seen).sum())
+        gloss = product / max(float(squares), 1e-12)
+        return gloss, gloss * product / max(float(total), 1e-12)
 
     def made(self, covered: Covered, fitted: Fitted) -> np.ndarray:
         """What a mirror image makes of the samples, without its mean, shape (S, 3)."""

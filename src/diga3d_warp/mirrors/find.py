@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from diga3d_warp.mirrors.comparing import Comparison, Covered, Fitted, Seen, see
+from diga3d_warp.mirrors.comparing import Comparison, Covered, Seen, see
 from diga3d_warp.mirrors.reflection import MIRROR, Placing, Reflection
 from diga3d_warp.mirrors.settings import MIRRORS, MirrorSettings
 from diga3d_warp.scene.camera import Camera
@@ -28,11 +28,13 @@ class Mirror:
         frame: Its chart.
         surface: Its extent, shape (H, W), bool.
         height: Of the object [scene units].
+        floor: Depth under it down to which a gaussian lies on it [scene units].
     """
 
     frame: Frame
     surface: np.ndarray
     height: float
+    floor: float
 
 
 @dataclass(frozen=True)
@@ -40,15 +42,17 @@ class MirrorEvidence:
     """What speaks for a mirror image.
 
     Attributes:
-        gloss: Reflectance of the support [1].
+        gloss: Reflectance of the support, by the colours of the mirrored object [1].
+        detail: Part that these explain of what its outline leaves unexplained [1].
         strength: Deviation that the mirror image makes where it lies [linear light].
-        explained: Part that it explains of how photographs differ there [1].
+        explained: Part that colours and outline explain of how photographs differ there [1].
         beyond: Ratio of what it explains to what the object elsewhere under the support does [1]; None where
             the rest is not enough to ask.
-        alike: Part of the photographs that show gloss on their own [1].
+        alike: Part of the photographs that show half the least gloss on their own [1].
     """
 
     gloss: float
+    detail: float
     strength: float
     explained: float
     beyond: float | None
@@ -58,6 +62,7 @@ class MirrorEvidence:
         """Whether this is a mirror image."""
         return (
             self.gloss >= settings.gloss
+            and self.detail >= settings.detail
             and self.strength >= settings.strength
             and self.explained >= settings.explained
             and (self.beyond is None or self.beyond >= settings.beyond)
@@ -68,7 +73,7 @@ class MirrorEvidence:
 def find_mirror(
     photos: Sequence[Photo], solid: Solid, support: Support, reflect: Reflect,
     settings: MirrorSettings = MIRRORS,
-) -> tuple[Mirror, MirrorEvidence, Seen, Covered, Fitted] | None:  # fmt: skip
+) -> tuple[Mirror, MirrorEvidence] | None:  # fmt: skip
     """The mirror image of an object, with what speaks for it; None where there is nothing to tell it by.
 
     Args:
@@ -89,21 +94,22 @@ def find_mirror(
         return None
     comparison = Comparison(seen, domain, here.cover < settings.bare, settings)
     comparison.weigh(here)
-    fitted = comparison.fit(here)
-    inside = comparison.inside(here)
+    fitted, inside = comparison.fit(here), comparison.inside(here)
     made = comparison.made(here, fitted)[inside]
+    gloss, detail = comparison.detail(here, inside)
     evidence = MirrorEvidence(
-        gloss=fitted.gloss,
-        strength=float(np.sqrt((made**2).mean())) if inside.any() else 0.0,
+        gloss=gloss,
+        detail=detail,
+        strength=float(np.sqrt((made**2).mean())),
         explained=comparison.explained(here, fitted, inside),
         beyond=None,
         alike=_alike(comparison, here, inside, settings),
     )
-    mirror = Mirror(frame, surface, support.height)
+    mirror = Mirror(frame, surface, support.height, support.floor)
     if evidence.suffices(settings):
         beyond = _beyond(solid, support, seen, here, reflect, settings)
         evidence = replace(evidence, beyond=beyond)
-    return mirror, evidence, seen, here, fitted
+    return mirror, evidence
 
 
 def framed(
@@ -115,11 +121,12 @@ def framed(
     local = local[local[:, 2] > support.floor]
     if len(local) < 4:
         return None
+    deepest = max(settings.stretches) * local[:, 2]
     foot, places = np.median(local[:, :2], axis=0), [local[:, :2]]
     for camera in cameras:
         eye = frame.coordinates(camera.center)
         if eye[2] > support.floor:
-            share = (eye[2] / (eye[2] + local[:, 2]))[:, None]
+            share = (eye[2] / (eye[2] + deepest))[:, None]
             places.append(eye[:2] + share * (local[:, :2] - eye[:2]))
     most = settings.reach * support.height
     low, high = (np.quantile(np.concatenate(places), share, axis=0) for share in (0.01, 0.99))
@@ -143,13 +150,12 @@ def extent(chart: Chart, settings: MirrorSettings = MIRRORS) -> np.ndarray:
 
 
 def _alike(comparison: Comparison, here: Covered, inside: np.ndarray, settings: MirrorSettings) -> float:
-    """Part of the photographs, of those that show enough, in which some gloss explains something."""
+    """Part of the photographs, of those that show enough, that show half the least gloss."""
     found = []
     for number in np.unique(comparison.view[inside]):
         own = inside & (comparison.view == number)
         if own.sum() >= settings.texels_least:
-            alone = comparison.fit(here, own)
-            found.append(alone.gloss >= 0.5 * settings.gloss)
+            found.append(comparison.detail(here, own)[0] >= 0.5 * settings.gloss)
     return float(np.mean(found)) if found else 0.0
 
 

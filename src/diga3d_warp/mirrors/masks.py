@@ -37,9 +37,7 @@ def mirror_mask(
     return np.asarray((image.cover > settings.shown) & on & ~before & (above > 0.0))
 
 
-def mirrored_rows(
-    gaussians: Gaussians, mirror: Mirror, votes: Votes, lift: LiftSettings, settings: MirrorSettings = MIRRORS
-) -> torch.Tensor:
+def mirrored_rows(gaussians: Gaussians, mirror: Mirror, votes: Votes, lift: LiftSettings) -> torch.Tensor:
     """Which gaussians the fit has put under the support to show the mirror image, shape (N,), bool.
 
     Args:
@@ -47,8 +45,7 @@ def mirrored_rows(
         mirror: The support.
         votes: Their weights in the masks of the mirror image.
         lift: When a gaussian belongs to what is masked.
-        settings: How deep under the support it must lie.
     """
     local = mirror.frame.coordinates(gaussians.means.double().numpy())
-    under = local[:, 2] < -settings.below * mirror.height
+    under = local[:, 2] < -mirror.floor
     return object_rows(votes, lift) & torch.from_numpy(under)
