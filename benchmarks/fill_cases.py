@@ -187,11 +187,25 @@ FILL_CASES = (
         "The small differences of a JPEG are allowed.",
         (
             Guard(OWN, "difference: float = 8.0", "difference: float = 0.1",
-                FILLS + "test_a_jpeg_is_the_view_still"),
+                FILLS + "test_a_jpeg_of_a_small_detailed_view_is_that_view_still"),
             Guard(OWN, "averaged: int = 4", "averaged: int = 1",
                 FILLS + "test_a_jpeg_of_a_small_detailed_view_is_that_view_still"),
         ),
         ("FillCheck.difference", "FillCheck.averaged"),
+    ),
+    HardCase(
+        "Own fills: a hole that was not filled",
+        "Refused in one line: the photograph itself, and one colour that is not that around the hole.",
+        (
+            condition(OWN, "inside <= CHECK.unchanged * (outside + 1.0) - 1.0",
+                FILLS + "test_a_hole_that_was_not_filled_is_refused"),
+            condition(OWN,
+                "plain and np.abs(color - np.median(pixels[around], axis=0)).max() >= CHECK.apart",
+                FILLS + "test_a_hole_that_was_not_filled_is_refused"),
+            Guard(OWN, " and np.abs(color - np.median(pixels[around], axis=0)).max() >= CHECK.apart", "",
+                FILLS + "test_a_plain_wall_goes_on_in_its_colour"),
+        ),
+        ("FillCheck.unchanged", "FillCheck.plain", "FillCheck.apart"),
     ),
 )
 # fmt: on
