@@ -35,7 +35,7 @@ MEMORY = 16 << 30
 
 CAUGHT = (
     r"assert|(Assertion|Index|Memory|Value|ZeroDivision)Error|Failed: DID NOT"
-    r"|RuntimeError: Failed to allocate"
+    r"|RuntimeError: Failed to allocate|diga3d_warp\.errors\.InputError"
 )
 """How a failure begins that a missing guard causes. A mutation that does not compile fails otherwise."""
 
@@ -152,7 +152,7 @@ def row(case: HardCase, verdicts: dict[Guard, Verdict]) -> str:
     constants = "<br>".join(explained(constant) for constant in case.constants)
     tests = "<br>".join(dict.fromkeys(f"`{guard.test}`" for guard in case.guards))
     proofs = "<br>".join(
-        f"`{_cell(guard.source)}` -> `{_cell(guard.without)}`: {_cell(verdicts[guard].reason)[:90]}"
+        f"`{_cell(guard.source)}` -> `{_cell(guard.without)}`: {_cell(_anywhere(verdicts[guard].reason))[:90]}"
         for guard in case.guards
     )
     return f"| {case.name} | {case.handling} | {constants} | {tests} | {proofs} |"
@@ -179,6 +179,11 @@ def document(verdicts: dict[Guard, Verdict], written: str) -> str:
 def caught(case: HardCase, verdicts: dict[Guard, Verdict]) -> bool:
     """Whether all guards of a case were tried, and none was missed."""
     return all(guard in verdicts and verdicts[guard].killed for guard in case.guards)
+
+
+def _anywhere(reason: str) -> str:
+    """A reason without the folders of the machine on which a test ran."""
+    return re.sub(r"(?<![\w.])/[^\s']*/", "", reason)
 
 
 def _cell(text: str) -> str:
