@@ -65,6 +65,11 @@ class Verdict:
     killed: bool
     reason: str
 
+    @property
+    def brief(self) -> str:
+        """The reason without the folders of the machine on which the test ran."""
+        return re.sub(r"(?<![\w.])/[^\s']*/", "", self.reason)
+
 
 class Copy:
     """A copy of the project that can be broken. Warp caches broken kernels beside whole ones, by source."""
@@ -152,7 +157,7 @@ def row(case: HardCase, verdicts: dict[Guard, Verdict]) -> str:
     constants = "<br>".join(explained(constant) for constant in case.constants)
     tests = "<br>".join(dict.fromkeys(f"`{guard.test}`" for guard in case.guards))
     proofs = "<br>".join(
-        f"`{_cell(guard.source)}` -> `{_cell(guard.without)}`: {_cell(_anywhere(verdicts[guard].reason))[:90]}"
+        f"`{_cell(guard.source)}` -> `{_cell(guard.without)}`: {_cell(verdicts[guard].brief)[:90]}"
         for guard in case.guards
     )
     return f"| {case.name} | {case.handling} | {constants} | {tests} | {proofs} |"
@@ -179,11 +184,6 @@ def document(verdicts: dict[Guard, Verdict], written: str) -> str:
 def caught(case: HardCase, verdicts: dict[Guard, Verdict]) -> bool:
     """Whether all guards of a case were tried, and none was missed."""
     return all(guard in verdicts and verdicts[guard].killed for guard in case.guards)
-
-
-def _anywhere(reason: str) -> str:
-    """A reason without the folders of the machine on which a test ran."""
-    return re.sub(r"(?<![\w.])/[^\s']*/", "", reason)
 
 
 def _cell(text: str) -> str:
