@@ -16,6 +16,8 @@ THINGS = "propagation/test_things_on_charts.py::"
 CHARTED = "propagation/test_charted.py::"
 SHADOW = "shadows/test_find_shadow.py::"
 RELIGHT = "shadows/test_relight.py::"
+MIRROR = "mirrors/test_find_mirror.py::"
+REFLECTION = "mirrors/test_reflection.py::"
 FILLS = "pipelines/test_own_fills.py::"
 REFUSED = FILLS + "test_what_is_not_the_view_is_refused_and_named"
 
@@ -165,6 +167,34 @@ FILL_CASES = (
                 SHADOW + "test_without_depth_there_is_no_shadow"),
         ),
         ("ShadowSettings.texels",),
+    ),
+    HardCase(
+        "Mirror images: a window taken for a mirror",
+        "A mirror image must explain more than its outline does, by the colours of the mirrored object: a "
+        "leg that is seen through a pane has others.",
+        (
+            Guard("mirrors/comparing.py",
+                "return np.asarray(values - cover[:, None] * ((weight * cover) @ values) / own)",
+                "return values",
+                "mirrors/test_comparing.py::test_an_outline_of_one_colour_is_no_evidence"),
+            Guard("mirrors/find.py", "            and self.detail >= settings.detail\n", "",
+                MIRROR + "test_each_kind_of_evidence_counts"),
+        ),
+        ("MirrorSettings.gloss", "MirrorSettings.detail"),
+    ),
+    HardCase(
+        "Mirror images: a mirror taken for a window",
+        "Depth shows what a support mirrors, behind it: how far it reaches is told by photographs that "
+        "agree. What stands before it stays, and so do gaussians that lie on it.",
+        (
+            Guard("mirrors/masks.py", "& ~before", "",
+                REFLECTION + "test_what_stands_before_the_support_is_not_masked"),
+            Guard("mirrors/masks.py", " & torch.from_numpy(under)", "",
+                REFLECTION + "test_gaussians_under_the_support_go_where_they_show_the_mirror_image"),
+            condition("mirrors/find.py", "domain.sum() < settings.texels_least",
+                MIRROR + "test_where_nothing_can_be_compared_there_is_nothing_to_tell"),
+        ),
+        ("MirrorSettings.hidden", "MirrorSettings.texels_least"),
     ),
     HardCase(
         "Own fills: black, turned, of another view, of another size",

@@ -53,6 +53,7 @@ HOMES = {
     "AgreementSettings": "surfaces/settings.py",
     "LayoutSettings": "surfaces/settings.py",
     "ShadowSettings": "shadows/settings.py",
+    "MirrorSettings": "mirrors/settings.py",
     "FillCheck": "pipelines/own_fills.py",
 }
 """File of each class or module that `HardCase.constants` names."""

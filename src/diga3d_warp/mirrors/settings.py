@@ -27,8 +27,8 @@ class MirrorSettings:
         gloss: Least reflectance of the support, by the colours of the mirrored object alone [1]. Without
             gloss up to 0.016 is found, of 0.05 about 0.06.
         detail: Least part that these colours explain of what the outline leaves [1]. Without gloss up to
-            0.014, behind panes up to 0.004, with gloss 0.047 and more where the object has a texture. A plain
-            object's mirror image is missed.
+            0.014, for legs behind panes up to 0.023, with gloss 0.047 and more where the object has a
+            texture. A plain object's mirror image is missed.
         strength: Least deviation that the mirror image makes [linear light]: 0.3 % of white.
         explained: Least part that colours and outline explain of how photographs differ there [1].
         beyond: Least ratio of what it explains to what the same object elsewhere under the support does [1].
@@ -51,7 +51,7 @@ class MirrorSettings:
     rounds: int = 3
     brightest: float = 1.2
     gloss: float = 0.04
-    detail: float = 0.02
+    detail: float = 0.035
     strength: float = 0.003
     explained: float = 0.1
     beyond: float = 1.05
