@@ -21,6 +21,7 @@ from diga3d_warp.pipelines import clearing
 from diga3d_warp.pipelines.clearing import MaskSettings, widened
 from diga3d_warp.pipelines.mirroring import Image, find_image
 from diga3d_warp.pipelines.run import Run
+from diga3d_warp.pipelines.standing import Masked
 from diga3d_warp.scene.scene import Points, Scene, View
 from diga3d_warp.splatting.placement import unprojected
 from glossy import AROUND, RADIUS, TALL, met, mirror_photo, painted, pillar, support
@@ -89,9 +90,8 @@ def found(folder: Path, gloss: float, wish: bool | None = None, **options) -> tu
     plan = plan_effects(of, takes_out=True, overrides=overrides)
     run.effects = replace(plan.effects, lens=False)
     run.record("effects", plan.as_json())
-    return run, find_image(
-        run, of, masks(of), made.gaussians, made.rows, LiftSettings(), MaskSettings(), wish, 0, **options
-    )
+    thing = Masked(run, of, masks(of), made.gaussians, made.rows, LiftSettings(), MaskSettings(), 0)
+    return run, find_image(thing, wish, **options)
 
 
 def choice(run: Run) -> dict:

@@ -13,17 +13,15 @@ import torch
 from diga3d_warp.effects.mirror import choose_mirror
 from diga3d_warp.effects.plan import Choice
 from diga3d_warp.files import write_array, write_image, write_json
-from diga3d_warp.gaussians.lift import LiftSettings, vote
-from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.lift import vote
 from diga3d_warp.mirrors.find import Mirror, find_mirror
 from diga3d_warp.mirrors.masks import mirror_mask, mirrored_rows
 from diga3d_warp.mirrors.picture import mirror_picture
 from diga3d_warp.mirrors.reflection import Placing, Reflection, reflection
-from diga3d_warp.pipelines.clearing import Masks, MaskSettings, read_masks, widened
-from diga3d_warp.pipelines.run import Run, say
+from diga3d_warp.pipelines.clearing import Masks, read_masks, widened
+from diga3d_warp.pipelines.run import say
 from diga3d_warp.pipelines.stages import decide
-from diga3d_warp.pipelines.standing import find_standing, solid_of
-from diga3d_warp.scene.scene import Scene
+from diga3d_warp.pipelines.standing import Masked, solid_of
 from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_array, read_state
 
@@ -54,33 +52,23 @@ class Image:
         return {name: mask | self.masks[name] for name, mask in edit_masks.items()}
 
 
-def find_image(
-    run: Run, scene: Scene, edit_masks: Masks, source: Gaussians, rows: torch.Tensor,
-    lift: LiftSettings, masking: MaskSettings, wish: bool | None, seed: int, *, filled: bool = False,
-) -> Image | None:  # fmt: skip
+def find_image(masked: Masked, wish: bool | None, *, filled: bool = False) -> Image | None:
     """Find the mirror image of the object; None if its support shows none.
 
     Args:
-        run: Run folder that receives the stage, the choice and a picture.
-        scene: The capture.
-        edit_masks: Of all views.
-        source: The splat, N gaussians.
-        rows: Those of the object, shape (N,).
-        lift: When a gaussian belongs to what is masked.
-        masking: Dilation of the masks.
+        masked: The object. Its run folder receives the stage, the choice and a picture.
         wish: Whether the user insists on a mirror image.
-        seed: Of random choices.
         filled: Whether the user filled views, which show it or not as they should.
     """
+    run, source = masked.run, masked.source
     if filled and wish is None:
         said = "not looked for: fills are given, which show mirror images as they should be"
         decide(run, Choice("mirror", False, said, "task"))
     if not run.effects.mirror:
         return None
-    views = [*scene.views, *scene.test_views]
 
     def compute(folder: Path) -> None:
-        standing = find_standing(run, scene, edit_masks, source, rows, lift, masking, seed)
+        standing = masked.standing
         support, own, found = standing.support, source.select(standing.own), None
         if support is not None:
             frame = support.frame
@@ -92,7 +80,7 @@ def find_image(
             found = find_mirror(standing.photos, solid_of(own), support, reflect)
         choice = choose_mirror(found[1] if found else None, wish)
         if found and choice.value:
-            _write_image(run, folder, scene, edit_masks, source, standing.own, rows, found[0], lift, masking)
+            _write_image(folder, masked, standing.own, found[0])
         write_json(folder / "mirror.json", {"choice": asdict(choice)})
 
     folder = run.stage(STAGE, compute)
@@ -103,33 +91,30 @@ def find_image(
         return None
     run.note(f"the support mirrors the object: its image is taken out, too ({PICTURE} shows it)")
     run.publish(folder / PICTURE, PICTURE)
-    image = read_masks(folder / "image", views)
+    image = read_masks(folder / "image", masked.views)
     return Image(image, torch.from_numpy(read_array(folder / "rows.npy")))
 
 
-def _write_image(
-    run: Run, folder: Path, scene: Scene, edit_masks: Masks, source: Gaussians, own: torch.Tensor,
-    rows: torch.Tensor, mirror: Mirror, lift: LiftSettings, masking: MaskSettings,
-) -> None:  # fmt: skip
+def _write_image(folder: Path, masked: Masked, own: torch.Tensor, mirror: Mirror) -> None:
     """Masks of the mirror image in all views, its gaussians, and a picture of it."""
-    thing, left = source.select(own), source.select(~rows)
+    run, source, edit_masks = masked.run, masked.source, masked.edit_masks
+    thing, left = source.select(own), source.select(~masked.rows)
     found: dict[str, np.ndarray] = {}
     most = 0
-    for view in [*scene.views, *scene.test_views]:
+    for view in masked.views:
         image = reflection(thing, view.camera, mirror.frame, run.effects)
         with torch.no_grad():
             depth = render(left, view.camera, effects=replace(run.effects, depth=True)).depth.numpy()
         mask = mirror_mask(mirror, image, view.camera, depth)
-        found[view.name] = widened(mask, masking) if mask.any() else mask
+        found[view.name] = widened(mask, masked.masking) if mask.any() else mask
         write_image(folder / "image" / f"{view.name}.png", found[view.name])
         write_image(folder / "masks" / f"{view.name}.png", found[view.name] | edit_masks[view.name])
         shown = int((mask & ~edit_masks[view.name]).sum())
         if shown >= most:
             most = shown
             write_image(folder / PICTURE, mirror_picture(view.pixels, image, mask & ~edit_masks[view.name]))
-    votes = vote(
-        left, [view.camera for view in scene.views], [found[view.name] for view in scene.views], run.effects
-    )
-    under = torch.zeros_like(rows)
-    under[~rows] = mirrored_rows(left, mirror, votes, lift)
+    views = masked.scene.views
+    votes = vote(left, [view.camera for view in views], [found[view.name] for view in views], run.effects)
+    under = torch.zeros_like(masked.rows)
+    under[~masked.rows] = mirrored_rows(left, mirror, votes, masked.lift)
     write_array(folder / "rows.npy", under)

@@ -57,6 +57,7 @@ from diga3d_warp.pipelines.method import Method, check_method, usual_method
 from diga3d_warp.pipelines.own_fills import NO_FILLS, Fills, read_fills
 from diga3d_warp.pipelines.request import EditRequest, EditResult
 from diga3d_warp.pipelines.run import Run
+from diga3d_warp.pipelines.standing import Masked
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.propagation.references import References
@@ -200,14 +201,11 @@ def take_out(
     object_masks = mask_propagation.propagate_masks(run, scene, source, marks, settings.lift)
     rows, edit_masks = clearing.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
     wishes = {name: bool(value) for name, value in (effects or {}).items()}
-    image = mirroring.find_image(
-        run, scene, edit_masks, source, rows, settings.lift, settings.masking, wishes.get("mirror"), seed,
-        filled=filled or bool(own),
-    )  # fmt: skip
+    masked = Masked(run, scene, edit_masks, source, rows, settings.lift, settings.masking, seed)
+    image = mirroring.find_image(masked, wishes.get("mirror"), filled=filled or bool(own))
     shade = shading.find_shade(
-        run, scene, edit_masks, source, rows, settings.lift, settings.masking, wishes.get("shadow"), seed,
-        filled=filled or bool(own), besides=image.masks if image else None,
-    )  # fmt: skip
+        masked, wishes.get("shadow"), filled=filled or bool(own), image=image.masks if image else None
+    )
     rows, edit_masks, shadow = shade.rows, shade.edit_masks, shade.shadow
     holes_of, out, made = edit_masks, rows, stages.LIFT
     if image is not None:

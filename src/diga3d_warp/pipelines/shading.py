@@ -12,14 +12,11 @@ import torch
 from diga3d_warp.effects.plan import Choice
 from diga3d_warp.effects.shadow import choose_shadow
 from diga3d_warp.files import write_array, write_arrays, write_image, write_json
-from diga3d_warp.gaussians.lift import LiftSettings
-from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.pipelines.charting import frame_arrays, frame_of
-from diga3d_warp.pipelines.clearing import Masks, MaskSettings, read_masks
-from diga3d_warp.pipelines.run import Run, say
+from diga3d_warp.pipelines.clearing import Masks, read_masks
+from diga3d_warp.pipelines.run import say
 from diga3d_warp.pipelines.stages import decide
-from diga3d_warp.pipelines.standing import about, find_standing, solid_of
-from diga3d_warp.scene.scene import Scene
+from diga3d_warp.pipelines.standing import Masked, solid_of
 from diga3d_warp.shadows.find import Shadow, find_shadow
 from diga3d_warp.shadows.picture import shadow_picture
 from diga3d_warp.state import read_array, read_arrays, read_state
@@ -56,25 +53,17 @@ class Shade:
 
 
 def find_shade(
-    run: Run, scene: Scene, edit_masks: Masks, source: Gaussians, rows: torch.Tensor,
-    lift: LiftSettings, masking: MaskSettings, wish: bool | None, seed: int, *, filled: bool = False,
-    besides: Masks | None = None,
-) -> Shade:  # fmt: skip
+    masked: Masked, wish: bool | None, *, filled: bool = False, image: Masks | None = None
+) -> Shade:
     """Find the shadow of the object, and part masks that hold it.
 
     Args:
-        run: Run folder that receives the stage, the choice and a picture.
-        scene: The capture.
-        edit_masks: Of all views.
-        source: The splat, N gaussians.
-        rows: Those of the object, shape (N,).
-        lift: Where the object's gaussians are in the way.
-        masking: Dilation of the masks.
+        masked: The object. Its run folder receives the stage, the choice and a picture.
         wish: Whether the user insists on a shadow.
-        seed: Of random choices.
         filled: Whether the user filled views, which show shadows as they should be.
-        besides: What else is not the support's own in the views, such as a mirror image; None if nothing is.
+        image: Where views show the object's mirror image; None if they show none.
     """
+    run, rows, edit_masks = masked.run, masked.rows, masked.edit_masks
     if filled and wish is None:
         decide(
             run,
@@ -87,13 +76,14 @@ def find_shade(
         )
     if not run.effects.shadow:
         return Shade(rows, edit_masks, None)
-    views = [*scene.views, *scene.test_views]
 
     def compute(folder: Path) -> None:
-        standing = find_standing(run, scene, edit_masks, source, rows, lift, masking, seed, besides)
+        standing = masked.standing if image is None else masked.standing_beside(image)
         support, held, found = standing.support, standing.held, None
         if support is not None:
-            found = find_shadow(standing.photos, solid_of(source.select(standing.own)), support, seed)
+            found = find_shadow(
+                standing.photos, solid_of(masked.source.select(standing.own)), support, masked.seed
+            )
         choice = choose_shadow(found[1] if found else None, wish)
         parted = choice.value and bool(held.any())
         if found and choice.value:
@@ -103,8 +93,8 @@ def find_shade(
             write_image(folder / PICTURE, shadow_picture(chart, shadow))
         if parted:
             own = standing.own
-            for view in views:
-                kept = edit_masks[view.name] & about(source, view.camera, own, lift, masking, run)
+            for view in masked.views:
+                kept = edit_masks[view.name] & masked.about(own, view.camera)
                 write_image(folder / "masks" / f"{view.name}.png", kept)
             write_array(folder / "object.npy", own)
         write_json(folder / "shade.json", {"choice": asdict(choice), "masked": parted})
@@ -117,7 +107,7 @@ def find_shade(
     if record["masked"]:
         run.note("the masks hold the object's shadow: it is relit, and only the object itself is taken out")
         rows = torch.from_numpy(read_array(folder / "object.npy"))
-        edit_masks = read_masks(folder / "masks", views)
+        edit_masks = read_masks(folder / "masks", masked.views)
     if not choice.value:
         return Shade(rows, edit_masks, None)
     run.publish(folder / PICTURE, PICTURE)

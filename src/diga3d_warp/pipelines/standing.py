@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -44,50 +45,74 @@ class Standing:
     support: Support | None
 
 
-def find_standing(
-    run: Run, scene: Scene, edit_masks: Masks, source: Gaussians, rows: torch.Tensor,
-    lift: LiftSettings, masking: MaskSettings, seed: int, besides: Masks | None = None,
-) -> Standing:  # fmt: skip
-    """Look at the object and its support.
+@dataclass(frozen=True, eq=False)
+class Masked:
+    """The object as its masks mark it.
 
-    Args:
+    Attributes:
         run: With the effects with which gaussians are rendered.
         scene: The capture.
         edit_masks: Of all views.
         source: The splat, N gaussians.
         rows: Those of the object, shape (N,).
-        lift: Where the object's gaussians are in the way.
+        lift: When a gaussian belongs to what is masked, and where it is in the way.
         masking: Dilation of the masks.
         seed: Of random choices.
-        besides: What else is not the support's own in the views, such as a mirror image.
     """
-    chosen = [scene.views[row] for row in _spread(len(scene.views))]
-    small = [_small(view.camera) for view in chosen]
 
-    def resized(masks: Masks) -> list[np.ndarray]:
-        return [_resized(masks[view.name], camera) for view, camera in zip(chosen, small, strict=True)]
+    run: Run
+    scene: Scene
+    edit_masks: Masks
+    source: Gaussians
+    rows: torch.Tensor
+    lift: LiftSettings
+    masking: MaskSettings
+    seed: int
 
-    aside = resized(besides or {view.name: np.zeros_like(edit_masks[view.name]) for view in chosen})
+    @property
+    def views(self) -> list[View]:
+        """All views, those that are held out last."""
+        return [*self.scene.views, *self.scene.test_views]
 
-    def photos(masks: Sequence[np.ndarray], left: Gaussians) -> list[Photo]:
-        return _photos(run, chosen, small, [a | b for a, b in zip(masks, aside, strict=True)], left)
+    @cached_property
+    def standing(self) -> Standing:
+        """The object on its support."""
+        return self.standing_beside(None)
 
-    masks = resized(edit_masks)
-    first = photos(masks, source.select(~rows))
-    planes = find_planes(gather(first, scene.points.positions, seed, SEARCH), mean_eye(small), seed, SEARCH)
-    solid = solid_of(source.select(rows))
-    support, held = find_support(solid, planes, small), torch.zeros_like(rows)
-    if support is None:
-        return Standing(first, rows, held, None)
-    held[rows] = torch.from_numpy(on_floor(solid, support))
-    if not held.any():
-        return Standing(first, rows, held, support)
-    own = rows & ~held
-    masks = [
-        mask & about(source, camera, own, lift, masking, run)
-        for mask, camera in zip(masks, small, strict=True)
-    ]
-    return Standing(photos(masks, source.select(~own)), own, held, support)
+    def standing_beside(self, image: Masks | None) -> Standing:
+        """The same, where views show a mirror image that is not the support's own."""
+        source, rows = self.source, self.rows
+        chosen = [self.scene.views[row] for row in _spread(len(self.scene.views))]
+        small = [_small(view.camera) for view in chosen]
+
+        def resized(masks: Masks) -> list[np.ndarray]:
+            return [_resized(masks[view.name], camera) for view, camera in zip(chosen, small, strict=True)]
+
+        beside = resized(image or {view.name: np.zeros_like(self.edit_masks[view.name]) for view in chosen})
+
+        def photos(masks: Sequence[np.ndarray], left: Gaussians) -> list[Photo]:
+            whole = [mask | more for mask, more in zip(masks, beside, strict=True)]
+            return _photos(self.run, chosen, small, whole, left)
+
+        masks = resized(self.edit_masks)
+        first = photos(masks, source.select(~rows))
+        points = gather(first, self.scene.points.positions, self.seed, SEARCH)
+        planes = find_planes(points, mean_eye(small), self.seed, SEARCH)
+        solid = solid_of(source.select(rows))
+        support, held = find_support(solid, planes, small), torch.zeros_like(rows)
+        if support is None:
+            return Standing(first, rows, held, None)
+        held[rows] = torch.from_numpy(on_floor(solid, support))
+        if not held.any():
+            return Standing(first, rows, held, support)
+        own = rows & ~held
+        masks = [mask & self.about(own, camera) for mask, camera in zip(masks, small, strict=True)]
+        return Standing(photos(masks, source.select(~own)), own, held, support)
+
+    def about(self, own: torch.Tensor, camera: Camera) -> np.ndarray:
+        """Where a view shows the object's own gaussians, and twice as far around as masks are widened."""
+        shown = object_mask(self.source, camera, own, self.lift, self.run.effects)
+        return widened(widened(shown, self.masking), self.masking)
 
 
 def solid_of(gaussians: Gaussians) -> Solid:
@@ -97,14 +122,6 @@ def solid_of(gaussians: Gaussians) -> Solid:
         np.sort(gaussians.scales.numpy(), axis=1)[:, 1],
         gaussians.opacities.numpy(),
     )
-
-
-def about(
-    source: Gaussians, camera: Camera, own: torch.Tensor, lift: LiftSettings, masking: MaskSettings, run: Run
-) -> np.ndarray:
-    """Where a view shows the object itself, and as far around as masks are widened, twice over."""
-    shown = object_mask(source, camera, own, lift, run.effects)
-    return widened(widened(shown, masking), masking)
 
 
 def _spread(count: int) -> np.ndarray:
