@@ -1,4 +1,4 @@
-"""A box behind the removed object, on a floor whose splat has wrong depth: photographs of it stay."""
+"""A box behind the removed object, also on a floor whose splat has wrong depth: photographs of it stay."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ def around(camera: Camera) -> np.ndarray:
 class Room:
     """Photographs of the box, what is known behind the pillar, and the floor's chart."""
 
-    def __init__(self, wrong: str) -> None:
+    def __init__(self, splat: str) -> None:
         self.views, self.masks, self.depths, self.box, self.truth = [], [], [], [], []
         for number, eye in enumerate(ROUND):
             camera, rng = camera_at(eye), np.random.default_rng(number)
             floor = photo(camera, tiles, hole=0.0)
             waver = cv2.GaussianBlur(rng.standard_normal(floor.shape), (0, 0), 6.0)
-            depth = level(camera, -0.25) if wrong == "mirrored" else floor.depth
-            if wrong == "wavering":
+            depth = level(camera, -0.25) if splat == "mirrored" else floor.depth
+            if splat == "wavering":
                 depth = depth * (1.1 + 0.2 * waver / waver.std())
             z, colors = front(camera)
             box = z < np.where(floor.depth > 0.0, floor.depth, np.inf)
@@ -71,7 +71,7 @@ class Room:
             self.truth.append(truth)
         solid = [np.ones_like(depth) for depth in self.depths]
         self.backgrounds = observe_behind(self.views, self.masks, self.depths, solid)
-        self.charts = [floor_chart()]
+        self.charts = [replace(floor_chart(), deep=splat == "right")]
         self.charted = chart_views(self.views, self.backgrounds, self.depths, self.charts)
 
     @property
@@ -90,7 +90,7 @@ def floor_chart() -> Chart:
     return Chart(frame, image, ~wanted, nothing, wanted, np.ones(frame.size, np.float32), deep=False)
 
 
-@pytest.fixture(scope="module", params=["wavering", "mirrored"])
+@pytest.fixture(scope="module", params=["right", "wavering", "mirrored"])
 def room(request):
     return Room(request.param)
 
