@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from diga3d_warp.materials.painting import GAMMA
 from diga3d_warp.mirrors.find import MirrorEvidence
-from glossy import AROUND, EYES, dark, evidence_of, mirror_photo, pillar, window_photo
+from diga3d_warp.splatting.placement import unprojected
+from glossy import AROUND, EYES, RADIUS, dark, evidence_of, met, mirror_photo, painted, pillar, window_photo
 from tabletop import camera_at, checks, photo
 
 
@@ -41,6 +43,19 @@ def test_a_matte_support_shows_none(pattern):
     evidence = evidence_of([photo(camera_at(eye), pattern, hole=0.16) for eye in AROUND], pillar())
     assert not evidence.suffices(), evidence
     assert evidence.gloss < 0.03
+
+
+def test_the_rim_of_an_object_that_masks_left_visible_is_no_mirror_image():
+    seen = []
+    for eye in AROUND:
+        bare = photo(camera_at(eye), checks, hole=0.0)
+        directions = unprojected(np.ones(bare.shape), bare.camera) - bare.camera.center
+        hit, turn, height = met(bare.camera.center + 0.0 * directions, directions, RADIUS, 0.0, 0.08)
+        pixels = bare.pixels.copy()
+        pixels[hit] = np.round(255.0 * painted(turn, height)[hit] ** (1.0 / GAMMA))
+        seen.append(replace(bare, pixels=pixels))
+    evidence = evidence_of(seen, pillar())
+    assert not evidence.suffices(), evidence
 
 
 def test_a_mirror_that_shows_the_room_alone_shows_no_object():

@@ -25,7 +25,7 @@ def choose_mirror(
         f"{100 * evidence.detail:.0f} % of the rest"
     )
     if evidence.beyond is not None:
-        said += f", {evidence.beyond:.1f} times as much as elsewhere under the support"
+        said += f", {evidence.beyond:.1f} times as much as those elsewhere under the support"
     if wish is not None:
         return Choice("mirror", wish, said, "user")
     return Choice("mirror", evidence.suffices(settings), said, "scene")

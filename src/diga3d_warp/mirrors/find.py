@@ -16,6 +16,9 @@ from diga3d_warp.surfaces.chart import Chart, Frame, sized
 from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.texture import textured
 
+UNRIVALLED = 1e3
+"""Ratio where the object explains nothing elsewhere."""
+
 Reflect = Callable[[Placing], Sequence[Reflection]]
 """The mirror images of the object in all photographs, for a place of the mirrored object."""
 
@@ -46,8 +49,8 @@ class MirrorEvidence:
         detail: Part that these explain of what its outline leaves unexplained [1].
         strength: Deviation that the mirror image makes where it lies [linear light].
         explained: Part that colours and outline explain of how photographs differ there [1].
-        beyond: Ratio of what it explains to what the object elsewhere under the support does [1]; None where
-            the rest is not enough to ask.
+        beyond: Ratio of `detail` to that of the object elsewhere under the support [1]; None where the rest
+            is not enough to ask.
         alike: Part of the photographs that show half the least gloss on their own [1].
     """
 
@@ -162,18 +165,20 @@ def _alike(comparison: Comparison, here: Covered, inside: np.ndarray, settings: 
 def _beyond(
     solid: Solid, support: Support, seen: Seen, here: Covered, reflect: Reflect, settings: MirrorSettings
 ) -> float:
-    """What the mirror image explains, against the most that the object elsewhere under the support does."""
+    """What its colours explain, against the most that they do elsewhere under the support."""
     local = support.frame.coordinates(solid.points)
     width = settings.aside * float(np.ptp(np.quantile(local[:, :2], (0.05, 0.95), axis=0), axis=0).max())
     others = [Placing(stretch) for stretch in settings.stretches]
     others += [Placing(1.0, (a * width, b * width)) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))]
-    least = np.inf
+    least = UNRIVALLED
     for placing in others:
         there = seen.under(reflect(placing))
         domain = here.told(seen, settings) | there.told(seen, settings)
         bare = (here.cover < settings.bare) & (there.cover < settings.bare)
         comparison = Comparison(seen, domain, bare, settings)
         comparison.weigh(here)
-        own, other = (comparison.explained(at, comparison.fit(at)) for at in (here, there))
-        least = min(least, own / max(other, 1e-6))
+        either = comparison.inside(here) | comparison.inside(there)
+        own, other = (comparison.detail(at, either) for at in (here, there))
+        if other[0] > 0.0:
+            least = min(least, own[1] / max(other[1], 1e-6))
     return float(least)

@@ -31,8 +31,9 @@ class MirrorSettings:
             texture. A plain object's mirror image is missed.
         strength: Least deviation that the mirror image makes [linear light]: 0.3 % of white.
         explained: Least part that colours and outline explain of how photographs differ there [1].
-        beyond: Least ratio of what it explains to what the same object elsewhere under the support does [1].
-            The rim of an object that masks leave visible is explained as well by a shorter object.
+        beyond: Least ratio of `detail` to that of the same object elsewhere under the support [1]. With gloss
+            2.0 and more are found. The rim of an object that masks leave visible is explained as well by a
+            lower object.
         alike: Least part of the photographs that show half that gloss on their own [1].
         aside: Displacement of those other places [object widths].
         stretches: Their depths under the support, against the object's height [ratio].
@@ -54,7 +55,7 @@ class MirrorSettings:
     detail: float = 0.035
     strength: float = 0.003
     explained: float = 0.1
-    beyond: float = 1.05
+    beyond: float = 1.5
     alike: float = 0.6
     aside: float = 1.0
     stretches: tuple[float, ...] = (0.5, 2.0)
