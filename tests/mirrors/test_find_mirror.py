@@ -103,9 +103,9 @@ def test_where_nothing_can_be_compared_there_is_nothing_to_tell():
     "change",
     [
         {"gloss": 0.01},
-        {"detail": 0.01},
+        {"detail": 0.005},
         {"strength": 0.001},
-        {"explained": 0.05},
+        {"explained": 0.02},
         {"beyond": 1.0},
         {"alike": 0.3},
     ],

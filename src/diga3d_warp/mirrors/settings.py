@@ -26,14 +26,14 @@ class MirrorSettings:
             light]: white, in photographs that are a little overexposed.
         gloss: Least reflectance of the support, by the colours of the mirrored object alone [1]. Without
             gloss up to 0.016 is found, of 0.05 about 0.06.
-        detail: Least part that these colours explain of what the outline leaves [1]. Without gloss up to
-            0.014, for legs behind panes up to 0.023, with gloss 0.047 and more where the object has a
-            texture. A plain object's mirror image is missed.
+        detail: Least part that these colours explain of what the outline leaves [1]. For dark legs behind
+            panes up to 0.001, without gloss up to 0.014 (which is then no gloss), with gloss 0.011 and more
+            where the object has a texture. A plain object's mirror image is missed.
         strength: Least deviation that the mirror image makes [linear light]: 0.3 % of white.
         explained: Least part that colours and outline explain of how photographs differ there [1].
         beyond: Least ratio of `detail` to that of the same object elsewhere under the support [1]. With gloss
-            2.0 and more are found. The rim of an object that masks leave visible is explained as well by a
-            lower object.
+            2.0 and more are found, without up to 0.7, for legs behind panes up to 0.15: what is pale has as
+            much of the object's colours elsewhere. So has the rim of an object that masks leave visible.
         alike: Least part of the photographs that show half that gloss on their own [1].
         aside: Displacement of those other places [object widths].
         stretches: Their depths under the support, against the object's height [ratio].
@@ -52,9 +52,9 @@ class MirrorSettings:
     rounds: int = 3
     brightest: float = 1.2
     gloss: float = 0.04
-    detail: float = 0.035
+    detail: float = 0.01
     strength: float = 0.003
-    explained: float = 0.1
+    explained: float = 0.05
     beyond: float = 1.5
     alike: float = 0.6
     aside: float = 1.0
