@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TypedDict
 
@@ -11,9 +11,11 @@ import numpy as np
 
 from diga3d_warp.files import write_arrays, write_image, write_json
 from diga3d_warp.pipelines.method import Method
+from diga3d_warp.pipelines.own_fills import NO_FILLS, Fills, by_index
 from diga3d_warp.pipelines.run import Run, say
 from diga3d_warp.priors.protocol import Prior
 from diga3d_warp.propagation.charted import photo_of
+from diga3d_warp.propagation.own import colored_by
 from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.scene.scene import Points, View
 from diga3d_warp.state import read_arrays, read_state
@@ -50,6 +52,7 @@ def chart_surfaces(
     prior: Prior,
     method: Method,
     seed: int,
+    own: Fills = NO_FILLS,
 ) -> list[Chart]:
     """Charts behind the object, filled; none if the method does without or no surface goes on there.
 
@@ -62,6 +65,7 @@ def chart_surfaces(
         prior: Fills what does not repeat.
         method: Whether to use surfaces.
         seed: Of the search and of the prior.
+        own: Views that the user filled, whose colours charts take on.
     """
     if not method.surfaces:
         return []
@@ -70,9 +74,14 @@ def chart_surfaces(
         photos = [photo_of(*each) for each in zip(views, backgrounds, depths, strict=True)]
         found = find_charts(photos, points.positions, seed)
         filled = []
-        for number, chart in enumerate(found, 1):
+        for number, chart in enumerate(colored_by(found, views, backgrounds, by_index(own, views)), 1):
             say(f"charts: filling {number} of {len(found)}, {int(chart.wanted.sum())} texels")
             filled.append(fill_chart(chart, prior, seed))
+        # What the user's views show is no more than a fill: the hole's part of a chart starts with gaussians.
+        filled = [
+            replace(each, known=chart.known, wanted=chart.wanted)
+            for each, chart in zip(filled, found, strict=True)
+        ]
         for number, chart in enumerate(filled):
             _keep(folder / f"{number}.npz", chart)
         if filled:

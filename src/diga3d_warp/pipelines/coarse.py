@@ -18,7 +18,7 @@ from diga3d_warp.gaussians.target import Target
 from diga3d_warp.perception.depth import DepthEstimator
 from diga3d_warp.pipelines import clearing, stages
 from diga3d_warp.pipelines.method import Method
-from diga3d_warp.pipelines.own_fills import NO_FILLS, Fills
+from diga3d_warp.pipelines.own_fills import NO_FILLS, Fills, by_index
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.propagation.appearance import propagate_appearance
@@ -53,22 +53,28 @@ def fill_views(
 
     What no reference shows is filled in further views, unless every view is inpainted on its own later.
 
-    References that the user filled are taken as they are.
+    References that the user filled are taken as they are, and other views take from them first: charts give
+    their depth, and fill what they do not show.
     """
     cameras = [view.camera for view in views]
     together = method.propagation != "none"
-    given = {i: own[view.name] / np.float32(255.0) for i, view in enumerate(views) if view.name in own}
+    given = by_index(own, views)
 
     def compute(folder: Path) -> None:
         charted = chart_views(views, backgrounds, depths, charts)
-        left, surfaces = [each.background for each in charted], [each.depth for each in charted]
+        left, surfaces = list(backgrounds), list(depths)
+        if not given:
+            left, surfaces = [each.background for each in charted], [each.depth for each in charted]
         fills = fill_references(
             cameras, left, surfaces, references, prior, seed, together=together, own=given
         )
+        if given:
+            fills = [charted[i].under(fill) for i, fill in zip(references.indices, fills, strict=True)]
         warped = warp_fills(cameras, left, surfaces, references, fills)
+        warped = [each.completed(fill) for each, fill in zip(charted, warped, strict=True)]
         if method.propagation == "warp":  # otherwise every view is inpainted on its own later
             warped = fill_rest(cameras, left, surfaces, warped, prior, seed)
-        _keep(folder, views, [each.completed(fill) for each, fill in zip(charted, warped, strict=True)])
+        _keep(folder, views, warped)
 
     return read_fills(run.stage("fill", compute), views)
 

@@ -21,6 +21,11 @@ Fills = Mapping[str, np.ndarray]
 NO_FILLS: Fills = MappingProxyType({})
 
 
+def by_index(fills: Fills, views: Sequence[View]) -> dict[int, np.ndarray]:
+    """The filled ones of some views, RGB (H, W, 3), float32 in [0, 1], by index."""
+    return {i: fills[view.name] / np.float32(255.0) for i, view in enumerate(views) if view.name in fills}
+
+
 @dataclass(frozen=True)
 class FillCheck:
     """When a filled image is that of a view.

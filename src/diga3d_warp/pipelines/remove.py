@@ -216,12 +216,7 @@ def take_out(
     )
     views, backgrounds, depths = behind.views, behind.backgrounds, behind.depths
     scene = replace(scene, views=views)
-    # Charts would tell another story than references that the user filled.
-    charts = (
-        []
-        if own
-        else charting.chart_surfaces(run, views, backgrounds, depths, scene.points, prior, method, seed)
-    )
+    charts = charting.chart_surfaces(run, views, backgrounds, depths, scene.points, prior, method, seed, own)
     unseen = [at.unseen for at in backgrounds]
     holes = unseen if any(hole.any() for hole in unseen) else [holes_of[view.name] for view in views]
     references = stages.choose_references(run, views, holes, method, seed, own)

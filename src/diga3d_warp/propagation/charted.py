@@ -36,9 +36,19 @@ class Charted:
     shown: np.ndarray
 
     def completed(self, fill: Fill) -> Fill:
-        """The fill of the rest, and the charts."""
-        depth = np.where(self.shown, self.depth, fill.depth).astype(np.float32)
-        return replace(fill, depth=depth, filled=fill.filled | self.shown)
+        """The fill, and the charts where it has none."""
+        taken = self.shown & ~fill.filled
+        return replace(
+            fill,
+            image=np.where(taken[..., None], self.background.image, fill.image).astype(np.float32),
+            depth=np.where(taken, self.depth, fill.depth).astype(np.float32),
+            filled=fill.filled | taken,
+            missing=fill.missing & ~taken,
+        )
+
+    def under(self, fill: Fill) -> Fill:
+        """The fill on the surfaces of the charts."""
+        return replace(fill, depth=np.where(self.shown, self.depth, fill.depth).astype(np.float32))
 
 
 def photo_of(view: View, background: Background, depth: np.ndarray) -> Photo:

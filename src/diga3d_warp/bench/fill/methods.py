@@ -43,7 +43,7 @@ METHODS: Mapping[str, PerView | Removal] = {
     "charts with classical": Removal("classical"),
     "charts with exemplar": Removal("exemplar"),
     "charts with lama": Removal("lama"),
-    "true references": Removal("classical", UNCHARTED, given="references"),
+    "true references": Removal("classical", given="references"),
     "true views": Removal("classical", UNCHARTED, given="all"),
 }
 """Methods by name. The last two are ceilings: true references, then propagated; true views, then fitted."""
