@@ -73,7 +73,7 @@ def _seen(chart: Chart, view: View, image: np.ndarray, shown: np.ndarray) -> tup
 def _colored(chart: Chart, samples: Sequence[np.ndarray], weights: Sequence[np.ndarray]) -> Chart:
     if not samples:
         return chart
-    image, found = blended(samples, np.stack(weights), SURFACES)
+    image, found = blended(samples, weights, SURFACES)
     return replace(
         chart, image=np.where(found[..., None], image, chart.image).astype(np.float32),
         known=chart.known | found, wanted=chart.wanted & ~found,
