@@ -37,7 +37,8 @@ class MirrorSettings:
         alike: Least part of the photographs that show half that gloss on their own [1].
         aside: Displacement of those other places [object widths].
         stretches: Their depths under the support, against the object's height [ratio].
-        shown: Part of a pixel that the mirrored object takes from which on it is masked [1].
+        shown: Part of a pixel that the mirrored object takes from which on it is masked [1]: masks are then
+            widened, and less would follow gaussians that stick out of the object.
     """
 
     texels: int = 128
@@ -59,7 +60,7 @@ class MirrorSettings:
     alike: float = 0.6
     aside: float = 1.0
     stretches: tuple[float, ...] = (0.5, 2.0)
-    shown: float = 0.1
+    shown: float = 0.3
 
 
 MIRRORS = MirrorSettings()
