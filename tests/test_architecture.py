@@ -26,7 +26,7 @@ RANKS = (
     {"mirrors"},
     {"effects"},
     {"pipelines"},
-    {"doctor", "bench"},
+    {"doctor", "bench", "study"},
     {"cli"},
 )
 """Packages and modules from the bottom up: each imports itself and lower ranks only."""

@@ -12,7 +12,7 @@ from diga3d_warp.config import ACCURACIES
 from diga3d_warp.errors import InputError
 
 COMMANDS = [
-    *("fit", "remove", "retexture", "replace", "render", "eval", "export"),
+    *("fit", "remove", "retexture", "replace", "render", "eval", "export", "study"),
     *("doctor", "synthetic", "demo", "bench"),
 ]
 HEAVY = ["torch", "warp", "cv2", "numpy", "scipy", "pycolmap", "kornia", "trimesh"]

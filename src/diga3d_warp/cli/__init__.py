@@ -16,6 +16,7 @@ from diga3d_warp.cli.edits import add_edits
 from diga3d_warp.cli.parsing import EXIT_INPUT, Commands, Help, Parser, Version
 from diga3d_warp.cli.results import add_results
 from diga3d_warp.cli.signals import Stopped, exit_code, last_line, stoppable
+from diga3d_warp.cli.study import add_study
 from diga3d_warp.cli.trials import add_trials
 from diga3d_warp.errors import InputError, explained, out_of_memory
 from diga3d_warp.process import tune_process
@@ -34,6 +35,7 @@ examples:
   diga3d render run/statue --out statue.webm         a video along the cameras
   diga3d eval run/statue                             PSNR and SSIM on held-out views
   diga3d export run/statue --format spz              the splat for other programs
+  diga3d study run/ours run/lama --out study.html    a page on which people vote
   diga3d bench kernels                               measure the kernels on this machine
   diga3d doctor                                      check this machine
 
@@ -109,6 +111,7 @@ def parser() -> argparse.ArgumentParser:
     commands = Commands(root, "commands", "COMMAND")
     add_edits(commands)
     add_results(commands)
+    add_study(commands)
     add_benchmarks(commands)
     add_trials(commands)
     return root

@@ -73,9 +73,7 @@ def render_path(
         raise InputError(f"{folder} has no {RESULT}: finish the run with --resume first")
     out = folder / "path.webm" if out is None else out
     film = _is_film(out)
-    views = list(load_cameras(folder / CAMERAS).train.values())
-    if not views:
-        raise InputError(f"{folder / CAMERAS} holds no camera of a fitted view: finish the run with --resume")
+    views = _fitted_cameras(folder)
     cameras = fly_through(views, frames) if path == "spline" else views
     width, height = size or (cameras[0].width, cameras[0].height)
     framed = [_framed(camera, width, height) for camera in cameras]
@@ -85,10 +83,36 @@ def render_path(
         raise InputError(f"a video of {width} x {height} px has no even size: give a larger --size")
     pictures = _render(folder / RESULT, framed, effects, accuracy)
     if film:
-        _write_video(out, pictures, len(framed), width, height)
+        write_video(out, pictures, len(framed), width, height)
     else:
         _write_frames(out, pictures)
     return out
+
+
+def render_flight(folder: Path, splat: str, frames: int, longest: int) -> Iterator[np.ndarray]:
+    """Frames of a splat of a run along the smooth flight through its views, RGB, shape (H, W, 3), uint8.
+
+    Args:
+        folder: The run folder.
+        splat: `RESULT` or `SOURCE`.
+        frames: Number of frames.
+        longest: Longest side of a frame [px]; those of smaller views stay as they are.
+
+    Raises:
+        InputError: the folder holds no run, or no camera of a fitted view.
+    """
+    cameras = fly_through(_fitted_cameras(folder), frames)
+    scale = min(1.0, longest / max(cameras[0].width, cameras[0].height))
+    width, height = (max(round(side * scale), 2) for side in (cameras[0].width, cameras[0].height))
+    framed = [_framed(camera, width, height) for camera in cameras]
+    return _render(folder / splat, framed, run_effects(read_manifest(folder)), Accuracy.STANDARD)
+
+
+def _fitted_cameras(folder: Path) -> list[Camera]:
+    views = list(load_cameras(folder / CAMERAS).train.values())
+    if not views:
+        raise InputError(f"{folder / CAMERAS} holds no camera of a fitted view: finish the run with --resume")
+    return views
 
 
 def _is_film(out: Path) -> bool:
@@ -174,7 +198,19 @@ def _write_frames(out: Path, pictures: Iterable[np.ndarray]) -> None:
         write_image(out / f"{index:04d}.png", picture)
 
 
-def _write_video(out: Path, pictures: Iterable[np.ndarray], count: int, width: int, height: int) -> None:
+def write_video(out: Path, pictures: Iterable[np.ndarray], count: int, width: int, height: int) -> None:
+    """Write a whole video, or none.
+
+    Args:
+        out: Ends in one of `CODECS`.
+        pictures: Frames, RGB, shape (height, width, 3), uint8. An odd row or column is cut off.
+        count: Number of frames.
+        width: Width of a frame [px], at least 2.
+        height: Height of a frame [px], at least 2.
+
+    Raises:
+        InputError: it cannot be written, or not whole.
+    """
     even = (width // 2 * 2, height // 2 * 2)
     with whole_file(out) as partial:
         video = open_video(partial, even)
