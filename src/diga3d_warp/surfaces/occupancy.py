@@ -1,7 +1,8 @@
 """Where a surface goes on in what nobody saw, and where it ends: straight boundaries are continued.
 
 A table's edge, a step, a wall's end: where the boundary between a surface and what photographs see through
-beside it lies on one or two lines, these go on behind the object. Any other boundary goes on smoothly.
+beside it lies on one or two lines, these go on behind the object. So does that of a round table or a plinth,
+which is an ellipse. Any other boundary goes on smoothly.
 """
 
 from __future__ import annotations
@@ -52,6 +53,8 @@ def occupancy(
         return Occupancy(~through, True)
     through = through & ~_specks(known, through, wanted)
     found = _by_lines(known, through, wanted, seed)
+    if found is None:
+        found = _by_ellipse(known, through, wanted, seed)
     if found is not None:
         return Occupancy(known | (found & ~through), True)
     told = (known | through) & _near(wanted)
@@ -102,21 +105,15 @@ def _borne_out(inside: np.ndarray, known: np.ndarray, through: np.ndarray, trust
 
 def _by_lines(known: np.ndarray, through: np.ndarray, wanted: np.ndarray, seed: int) -> np.ndarray | None:
     """Occupancy by one or two straight boundaries; None if these do not explain the surroundings."""
-    import cv2
-
     near = _near(wanted)
-    told = (known | through) & near
-    inside = known & near
+    told, inside, boundary = _rim(known, through, near)
     share = float(inside.sum()) / max(int(told.sum()), 1)
     if share > BOUNDARIES.explained:
         return np.ones_like(known)
-    box = np.ones((3, 3), np.uint8)
-    boundary = (cv2.dilate(through.astype(np.uint8), box) > 0) & inside
-    rows, columns = np.nonzero(boundary)
-    if len(rows) < BOUNDARIES.least:
+    points = np.argwhere(boundary)[:, ::-1].astype(np.float64)
+    if len(points) < BOUNDARIES.least:
         return None
     rng = np.random.default_rng(seed)
-    points = np.stack([columns, rows], axis=1).astype(np.float64)
     places = np.stack(np.meshgrid(np.arange(known.shape[1]), np.arange(known.shape[0])), axis=-1)
     first = _line(points, rng)
     if first is None:
@@ -133,11 +130,81 @@ def _by_lines(known: np.ndarray, through: np.ndarray, wanted: np.ndarray, seed: 
     return side if best >= BOUNDARIES.explained else None
 
 
-def _near(wanted: np.ndarray) -> np.ndarray:
-    """The surroundings of what is wanted, as far as that is wide."""
+def _by_ellipse(known: np.ndarray, through: np.ndarray, wanted: np.ndarray, seed: int) -> np.ndarray | None:
+    """Occupancy inside an ellipse, as of a plinth or a round table; None if none explains the surroundings.
+
+    Farther away others may lie in the same plane, as a lawn at a plinth's foot seems to.
+    """
+    boundary = _rim(known, through, _near(wanted))[2]
+    told, inside, _ = _rim(known, through, _near(wanted, BOUNDARIES.close))
+    points = np.argwhere(boundary)[:, ::-1].astype(np.float32)
+    if len(points) < BOUNDARIES.least:
+        return None
+    rng = np.random.default_rng(seed)
+    longest = BOUNDARIES.widest * max(known.shape)
+    best, chosen = 0, None
+    for _ in range(BOUNDARIES.lines):
+        found = _ellipse(points[rng.choice(len(points), BOUNDARIES.corners, replace=False)], longest)
+        if found is not None:
+            on = found.off(points) < BOUNDARIES.near
+            if on.sum() > best:
+                best, chosen = int(on.sum()), on
+    if chosen is None or best < BOUNDARIES.round * len(points):
+        return None
+    found = _ellipse(points[chosen], longest)
+    if found is None:
+        return None
+    places = np.stack(np.meshgrid(np.arange(known.shape[1]), np.arange(known.shape[0])), axis=-1)
+    side = found.radius(places) <= 1.0
+    return side if _right(side, inside, told) >= BOUNDARIES.explained_round else None
+
+
+class _Ellipse(NamedTuple):
+    """Centre, semi-axes [texels], and the unit vectors along these in the rows of a matrix."""
+
+    center: np.ndarray
+    axes: np.ndarray
+    turn: np.ndarray
+
+    def radius(self, places: np.ndarray) -> np.ndarray:
+        """Distance of places (..., 2) from the centre, 1 on the ellipse."""
+        return np.linalg.norm((places - self.center) @ self.turn.T / self.axes, axis=-1)
+
+    def off(self, places: np.ndarray) -> np.ndarray:
+        """Distance from the ellipse along the ray from the centre [texels]."""
+        radius = np.maximum(self.radius(places), 1e-6)
+        return np.linalg.norm(places - self.center, axis=-1) * np.abs(1.0 - 1.0 / radius)
+
+
+def _ellipse(points: np.ndarray, longest: float) -> _Ellipse | None:
+    """The ellipse through points (P, 2), by least squares (Fitzgibbon et al. 1999); None if it is too long."""
     import cv2
 
-    reach = max(int(np.sqrt(wanted.sum())), 8)
+    center, sides, angle = cv2.fitEllipseDirect(points)
+    axes = 0.5 * np.array(sides, np.float64)
+    if not (np.isfinite(axes).all() and 1.0 < axes.min() and axes.max() <= longest):
+        return None
+    turn = np.radians(angle)
+    matrix = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    return _Ellipse(np.array(center, np.float64), axes, matrix)
+
+
+def _rim(
+    known: np.ndarray, through: np.ndarray, near: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Near the wanted: what is told, what of it is surface, and the last texels of that."""
+    import cv2
+
+    inside = known & near
+    boundary = (cv2.dilate(through.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & inside
+    return (known | through) & near, inside, boundary
+
+
+def _near(wanted: np.ndarray, share: float = 1.0) -> np.ndarray:
+    """The surroundings of what is wanted, as far as a share of its width."""
+    import cv2
+
+    reach = max(int(share * np.sqrt(wanted.sum())), 8)
     return cv2.dilate(wanted.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
 
 

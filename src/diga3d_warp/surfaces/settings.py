@@ -84,7 +84,7 @@ class SurfaceSettings:
     tilt: float = 0.75
     trials: int = 400
     planes: int = 6
-    plane_share: float = 0.04
+    plane_share: float = 0.02
     trusted: float = 0.75
     bordered: float = 0.5
     apart: tuple[float, float] = (5.0, 2.0)
@@ -165,6 +165,12 @@ class BoundarySettings:
             jagged rims of a splat's depth take two of a hundred.
         near: Distance from a line that counts as on it [texels].
         least: Texels of boundary from which a line is fitted; fewer are a speck.
+        corners: Boundary texels that an ellipse is drawn through; it has five parameters.
+        widest: Longest semi-axis of an ellipse [longer sides of the chart]; a longer one is a line.
+        close: How far around what is wanted an ellipse must explain what is told [widths of that].
+        explained_round: Share of the texels there that it must put on their right side [1]. On the statue's
+            plinth it is 0.966.
+        round: Least share of the boundary that lies on the ellipse [1].
         speck: Largest spot of what is seen through, in shares of what is told [1], that does not contradict
             lines: depth of a splat is wrong here and there, mostly around the object's foot.
         specks: Share of all such spots together from which they do [1]: a lattice has many.
@@ -178,6 +184,11 @@ class BoundarySettings:
     explained: float = 0.97
     near: float = 2.0
     least: int = 12
+    corners: int = 6
+    widest: float = 1.0
+    close: float = 0.15
+    explained_round: float = 0.95
+    round: float = 0.5
     speck: float = 0.04
     specks: float = 0.08
     ring: int = 6
