@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from diga3d_warp.propagation.charted import chart_view, photo_of
+from diga3d_warp.propagation.charted import Charted, chart_views, photo_of
 from diga3d_warp.propagation.fill import Fill
 from diga3d_warp.propagation.unseen import Background
 from diga3d_warp.scene.camera import Camera, look_at
@@ -23,6 +23,11 @@ HOLE = np.zeros((SIZE, SIZE), bool)
 HOLE[24:40, 20:44] = True
 
 
+def chart_view(view: View, background: Background, depth: np.ndarray, charts: list[Chart]) -> Charted:
+    (found,) = chart_views([view], [background], [depth], charts)
+    return found
+
+
 def grey_chart(value: float = 0.5, **changes) -> Chart:
     frame = frame_on(FLOOR, CAMERA)
     nothing = np.zeros(frame.size, bool)
@@ -38,7 +43,7 @@ def view(level: int = 128, alpha: np.ndarray | None = None) -> tuple[View, Backg
 
 
 def test_a_chart_fills_the_hole_with_its_depth():
-    found = chart_view(*view(), DEPTH, [grey_chart()], ())
+    found = chart_view(*view(), DEPTH, [grey_chart()])
     np.testing.assert_array_equal(found.shown, HOLE)
     assert not found.background.unseen.any() and found.background.observed[HOLE].all()
     np.testing.assert_allclose(found.depth[HOLE], DEPTH[HOLE], rtol=1e-3)
@@ -46,7 +51,7 @@ def test_a_chart_fills_the_hole_with_its_depth():
 
 
 def test_a_chart_takes_the_tone_of_the_view():
-    found = chart_view(*view(level=153), DEPTH, [grey_chart(0.5)], ())
+    found = chart_view(*view(level=153), DEPTH, [grey_chart(0.5)])
     np.testing.assert_allclose(found.background.image[HOLE], 0.6, atol=0.02)
 
 
@@ -54,7 +59,7 @@ def test_what_no_chart_explains_is_left():
     chart = grey_chart()
     rows = np.arange(chart.known.shape[0])[:, None] < chart.known.shape[0] // 2
     half = replace(chart, alpha=np.where(rows, 1.0, 0.0).repeat(chart.known.shape[1], 1).astype(np.float32))
-    found = chart_view(*view(), DEPTH, [half], ())
+    found = chart_view(*view(), DEPTH, [half])
     assert 0 < found.shown.sum() < HOLE.sum()
     np.testing.assert_array_equal(found.background.unseen, HOLE & ~found.shown)
     left = found.background.unseen
@@ -70,10 +75,10 @@ def test_a_chart_among_a_nearer_surface_is_not_seen_through_it():
     Where only the hole's upper rim is the table's, the floor goes on from below, in front of nothing.
     """
     table = (0.5 * DEPTH).astype(np.float32)
-    around = chart_view(*view(), table, [grey_chart()], ())
+    around = chart_view(*view(), table, [grey_chart()])
     assert not around.shown.any() and around.background.unseen.sum() == HOLE.sum()
     above = np.where(np.arange(SIZE)[:, None] < 24, table, DEPTH)
-    np.testing.assert_array_equal(chart_view(*view(), above, [grey_chart()], ()).shown, HOLE)
+    np.testing.assert_array_equal(chart_view(*view(), above, [grey_chart()]).shown, HOLE)
 
 
 def test_a_chart_that_is_not_trusted_only_hides_what_is_behind_it():
@@ -81,15 +86,15 @@ def test_a_chart_that_is_not_trusted_only_hides_what_is_behind_it():
     far = replace(grey_chart(0.9), frame=frame_on(behind, CAMERA))
     around = behind.depth(CAMERA).astype(np.float32)  # the far surface shows beside the hole
     for charts in ([grey_chart(trusted=False), far], [far, grey_chart(trusted=False)]):
-        assert not chart_view(*view(), around, charts, ()).shown.any()
-    assert chart_view(*view(), around, [far], ()).shown.any()
+        assert not chart_view(*view(), around, charts).shown.any()
+    assert chart_view(*view(), around, [far]).shown.any()
 
 
 def test_no_chart_or_no_hole_changes_nothing():
     seen, background = view()
     for charts, hole in (([], HOLE), ([grey_chart()], np.zeros_like(HOLE))):
         given = replace(background, unseen=hole)
-        found = chart_view(seen, given, DEPTH, charts, ())
+        found = chart_view(seen, given, DEPTH, charts)
         assert found.background is given and found.depth is DEPTH and not found.shown.any()
 
 

@@ -5,7 +5,7 @@ What no chart explains, a far background or a thing behind the object, is left t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,9 +14,11 @@ from diga3d_warp.propagation.fill import Fill
 from diga3d_warp.propagation.tone import rim_of, tone_between
 from diga3d_warp.propagation.unseen import OPAQUE, Background
 from diga3d_warp.scene.scene import View
+from diga3d_warp.splatting.placement import unprojected
 from diga3d_warp.surfaces.chart import Chart
-from diga3d_warp.surfaces.compose import compose
+from diga3d_warp.surfaces.compose import Layer, compose
 from diga3d_warp.surfaces.consistency import consistent, smoothed
+from diga3d_warp.surfaces.look import tolerance
 from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.settings import AGREEMENT, SURFACES
 
@@ -72,52 +74,109 @@ def chart_views(
     depths: Sequence[np.ndarray],
     charts: Sequence[Chart],
 ) -> list[Charted]:
-    """Put charts into the holes of all views; arguments as `chart_view`, one each per view."""
-    seen = list(zip(views, backgrounds, depths, strict=True))
-    photos = [photo_of(*each) for each in seen]
-    return [chart_view(*each, charts, photos) for each in seen]
-
-
-def chart_view(
-    view: View, background: Background, depth: np.ndarray, charts: Sequence[Chart], photos: Sequence[Photo]
-) -> Charted:
-    """Put charts into a view's hole, in the tone that the view itself has around it.
+    """Put charts into the holes of all views, in the tone that each has around its own.
 
     What other photographs show in front of a chart keeps their colours.
 
     Args:
-        view: The photograph.
-        background: What is known behind the object.
-        depth: z of the splat without the object [scene units], shape (H, W); 0 where it shows nothing.
+        views: The photographs.
+        backgrounds: What is known behind the object, one per view.
+        depths: z of the splat without the object, one per view, shape (H, W); 0 where it shows nothing.
         charts: Filled ones.
-        photos: All views, from `photo_of`.
     """
-    unseen = background.unseen
-    nothing = Charted(background, depth, np.zeros_like(unseen))
-    if not charts or not unseen.any():
+    seen = list(zip(views, backgrounds, depths, strict=True))
+    nothing = [Charted(at, depth, np.zeros_like(at.unseen)) for _, at, depth in seen]
+    if not charts:
         return nothing
+    photos = [photo_of(*each) for each in seen]
+    sights = [_sight(*each, charts, photos) if each[1].unseen.any() else None for each in seen]
+    told = sum((_borders(sight, len(charts)) for sight in sights if sight), np.zeros((2, len(charts))))
+    share = told[0] / np.maximum(told[1], 1)
+    return [
+        empty if sight is None else _charted(*each, sight, share)
+        for each, sight, empty in zip(seen, sights, nothing, strict=True)
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Sight:
+    """What a view shows of charts.
+
+    Attributes:
+        layer: The charts as its camera sees them.
+        hole: What they may fill, shape (H, W), bool.
+        offered: Where they would show in it, shape (H, W), bool.
+        same: Where the view shows the surface of the chart that lies there, shape (H, W), bool.
+    """
+
+    layer: Layer
+    hole: np.ndarray
+    offered: np.ndarray
+    same: np.ndarray
+
+    def parts(self) -> Iterator[tuple[int, np.ndarray, int, int]]:
+        """Parts of charts in the hole: number of the chart, mask, known pixels at the border, and how many of
+        these show the chart's surface."""
+        from scipy.ndimage import binary_dilation, label
+
+        for number in np.unique(self.layer.chart[self.offered]):
+            parts, count = label(self.offered & (self.layer.chart == number))
+            for index in range(1, count + 1):
+                part = parts == index
+                border = binary_dilation(part, iterations=2) & ~part & ~self.hole
+                agreeing = border & self.same & (self.layer.chart == number)
+                yield int(number), part, int(border.sum()), int(agreeing.sum())
+
+
+def _sight(
+    view: View, background: Background, depth: np.ndarray, charts: Sequence[Chart], photos: Sequence[Photo]
+) -> _Sight:
     layer = compose(charts, view.camera)
     # The last one stands for no chart.
     trusted = np.array([*(chart.trusted for chart in charts), False])
-    same = np.abs(layer.depth - depth) <= SURFACES.agree * layer.depth
-    agreed = np.array([*(chart.frame.agreed for chart in charts), False])
     # What was looked up behind the object by depth that is wrong is no better known than the chart. It stays
     # where it stands on the chart or in front of it, and photographs bear it out.
     looked_up = background.observed & _doubtful(charts)[layer.chart]
     in_front = looked_up & (depth <= (1.0 + SURFACES.agree) * layer.depth)
     kept = consistent(photo_of(view, background, depth), in_front, photos, layer.image)
-    hole = unseen | (looked_up & ~kept)
-    same |= agreed[layer.chart] & _alike(layer.image, background.image, ~hole)
-    shown = _bordered(hole & trusted[layer.chart], layer.chart, same, ~hole)
+    hole = background.unseen | (looked_up & ~kept)
+    same = _same(layer, view, depth, charts, _alike(layer.image, background.image, ~hole))
+    return _Sight(layer, hole, hole & trusted[layer.chart], same)
+
+
+def _borders(sight: _Sight, count: int) -> np.ndarray:
+    """Known pixels at the border of each chart that show it, and all of these, shape (2, count)."""
+    found = np.zeros((2, count))
+    for number, _, border, agreeing in sight.parts():
+        found[:, number] += agreeing, border
+    return found
+
+
+def _charted(
+    view: View, background: Background, depth: np.ndarray, sight: _Sight, share: np.ndarray
+) -> Charted:
+    """A view with the charts that continue what it shows at their border.
+
+    A part that lies mostly among a nearer surface is not seen through it: that surface has no chart, or an
+    edge that was not found. What all views show (`share`, one a chart) counts as much as the view itself, so
+    that they tell one story.
+    """
+    shown = sight.offered.copy()
+    for number, part, border, agreeing in sight.parts():
+        if border and agreeing / border + share[number] < 2.0 * SURFACES.bordered:
+            shown &= ~part
     if not shown.any():
-        return nothing
+        return Charted(background, depth, np.zeros_like(shown))
+    layer = sight.layer
     # Around the hole the view and the charts show the same surface: there their tones can be compared.
-    rim = rim_of(hole) & (layer.chart >= 0) & same
+    rim = rim_of(sight.hole) & (layer.chart >= 0) & sight.same
     tone = tone_between(background.image, layer.image, rim, shown)
     image = background.image.astype(np.float32).copy()
     image[shown] = np.clip(layer.image + tone, 0.0, 1.0)[shown]
     return Charted(
-        replace(background, unseen=unseen & ~shown, image=image, observed=background.observed | shown),
+        replace(
+            background, unseen=background.unseen & ~shown, image=image, observed=background.observed | shown
+        ),
         np.where(shown, layer.depth, depth).astype(np.float32), shown,
     )  # fmt: skip
 
@@ -150,33 +209,23 @@ def _doubtful(charts: Sequence[Chart]) -> np.ndarray:
     return np.array([*(not chart.deep for chart in charts), False])
 
 
+def _same(
+    layer: Layer, view: View, depth: np.ndarray, charts: Sequence[Chart], alike: np.ndarray
+) -> np.ndarray:
+    """Where a view shows the surface of the chart that lies there, shape (H, W), bool.
+
+    By depth; where that is not behind the chart, or photographs agree on it, by colours that are alike, too.
+    """
+    normals = np.stack([*(chart.frame.axes[2] for chart in charts), np.zeros(3)])
+    agreed = np.array([*(chart.frame.agreed for chart in charts), False])
+    away = unprojected(np.ones_like(depth), view.camera) - view.camera.center
+    near = tolerance(away, normals[layer.chart]) * layer.depth
+    off = np.abs(layer.depth - depth)
+    unclear = off <= SURFACES.through / SURFACES.agree * near
+    return (off <= near) | (alike & (unclear | agreed[layer.chart]))
+
+
 def _alike(one: np.ndarray, other: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Where two images (H, W, 3) are alike up to tone, by what is known (H, W), shape (H, W), bool."""
     off = smoothed(one - other, known)
     return known & (np.abs(off).max(axis=2) <= 2.0 * AGREEMENT.tone)
-
-
-def _bordered(shown: np.ndarray, chart: np.ndarray, same: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """The parts of charts that continue what the view shows at their border.
-
-    A part that lies mostly among a nearer surface is not seen through it: that surface has no chart, or an
-    edge that was not found.
-
-    Args:
-        shown: Where charts would show, shape (H, W), bool.
-        chart: Number of the chart at each pixel, shape (H, W).
-        same: Where the view shows the surface of that chart, shape (H, W), bool.
-        known: Where the view shows anything, shape (H, W), bool.
-    """
-    from scipy.ndimage import binary_dilation, label
-
-    kept = shown.copy()
-    for number in np.unique(chart[shown]):
-        parts, count = label(shown & (chart == number))
-        for index in range(1, count + 1):
-            part = parts == index
-            border = binary_dilation(part, iterations=2) & ~part & known
-            agreeing = same & (chart == number)
-            if border.any() and agreeing[border].mean() < SURFACES.bordered:
-                kept &= ~part
-    return kept

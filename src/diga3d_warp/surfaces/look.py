@@ -64,14 +64,24 @@ def look(
         off = np.where(inside & photo.told[r, c], (photo.depth[r, c] - z) / z, np.nan)
         agree = np.full(z.shape, settings.agree)
         if normal is not None:
-            away = points - photo.camera.center
-            cosine = np.abs(away @ normal) / np.linalg.norm(away, axis=-1)
-            agree = np.maximum(agree, settings.off / np.maximum(cosine, settings.grazing))
+            agree = tolerance(points - photo.camera.center, normal, settings)
         agrees, behind = np.abs(off) <= agree, off > settings.through / settings.agree * agree
     return Look(
         column.astype(np.float32), row.astype(np.float32), z, agrees, behind,
         inside & photo.unseen[r, c], inside & photo.clear[r, c],
     )  # fmt: skip
+
+
+def tolerance(away: np.ndarray, normal: np.ndarray, settings: SurfaceSettings = SURFACES) -> np.ndarray:
+    """Difference of depths within which a photograph shows a surface [ratio], shape (...).
+
+    Args:
+        away: Lines of sight, shape (..., 3).
+        normal: Of the surface, or one for each line, shape (..., 3).
+        settings: When depths agree.
+    """
+    cosine = np.abs((away * normal).sum(axis=-1)) / np.linalg.norm(away, axis=-1)
+    return np.maximum(settings.agree, settings.off / np.maximum(cosine, settings.grazing))
 
 
 def density_of(frame: Frame, points: np.ndarray, camera: Camera, settings: SurfaceSettings) -> np.ndarray:

@@ -177,12 +177,12 @@ class _Ellipse(NamedTuple):
 
 
 def _ellipse(points: np.ndarray, longest: float) -> _Ellipse | None:
-    """The ellipse through points (P, 2), by least squares (Fitzgibbon et al. 1999); None if it is too long."""
+    """The ellipse nearest to points (P, 2) (Fitzgibbon et al. 1999); None if it is too long."""
     import cv2
 
     center, sides, angle = cv2.fitEllipseDirect(points)
     axes = 0.5 * np.array(sides, np.float64)
-    if not (np.isfinite(axes).all() and 1.0 < axes.min() and axes.max() <= longest):
+    if not (np.isfinite(axes).all() and axes.min() > 1.0 and axes.max() <= longest):
         return None
     turn = np.radians(angle)
     matrix = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
