@@ -72,6 +72,21 @@ FILL_CASES = (
         ),
     ),
     HardCase(
+        "Charts: spots of wrong depth, a lattice, a ring",
+        "Spots that depth takes for holes do not end a surface, unless they are many or all around the hole.",
+        (
+            Guard("surfaces/occupancy.py", "through = through & ~_specks(known, through, wanted)",
+                "through = through",
+                OCCUPANCY + "test_spots_of_wrong_depth_do_not_end_a_straight_edge"),
+            condition("surfaces/occupancy.py",
+                "(found & near).sum() > BOUNDARIES.specks * told or rimmed(found, known | through, wanted)",
+                OCCUPANCY + "test_the_gaps_of_a_lattice_stay_open"),
+            Guard("surfaces/occupancy.py", "found = _by_ellipse(known, through, wanted, seed)", "found = None",
+                OCCUPANCY + "test_the_rim_of_a_round_table_goes_on"),
+        ),
+        ("BoundarySettings.speck", "BoundarySettings.specks", "BoundarySettings.explained_round"),
+    ),
+    HardCase(
         "Charts: one or two photographs",
         "Its depth gives a chart; that photographs agree on a plane takes three.",
         (
@@ -121,7 +136,7 @@ FILL_CASES = (
         "photographs agree more than with the chart. Gaussians that would hide what most photographs show "
         "are not added.",
         (
-            Guard(SHOWN, "hole = unseen | (looked_up & ~kept)", "hole = unseen | looked_up",
+            Guard(SHOWN, "background.unseen | (looked_up & ~kept)", "background.unseen | looked_up",
                 THINGS + "test_what_photographs_show_of_the_box_is_not_painted_over"),
             Guard(SHOWN, "np.where(on, layer.depth, photo.depth)", "photo.depth",
                 THINGS + "test_no_gaussian_stands_before_what_photographs_show"),
@@ -131,7 +146,7 @@ FILL_CASES = (
             Guard("surfaces/consistency.py", "several = count >= AGREEMENT.witnesses", "several = count >= 1",
                 THINGS + "test_one_photograph_bears_nothing_out"),
             condition(SHOWN,
-                "border.any() and agreeing[border].mean() < SURFACES.bordered",
+                "border and agreeing / border + share[number] < 2.0 * SURFACES.bordered",
                 CHARTED + "test_a_chart_among_a_nearer_surface_is_not_seen_through_it"),
         ),
         ("AgreementSettings.witnesses", "AgreementSettings.apart", "SurfaceSettings.bordered"),

@@ -50,6 +50,7 @@ HOMES = {
     "camera": "scene/camera.py",
     "losses": "gaussians/losses.py",
     "SurfaceSettings": "surfaces/settings.py",
+    "BoundarySettings": "surfaces/settings.py",
     "AgreementSettings": "surfaces/settings.py",
     "LayoutSettings": "surfaces/settings.py",
     "ShadowSettings": "shadows/settings.py",

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diga3d_warp.surfaces.occupancy import occupancy
+from diga3d_warp.surfaces.occupancy import _by_ellipse, occupancy
 
 
 def split(surface: np.ndarray, hole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -52,6 +52,22 @@ def test_the_corner_of_an_opening_goes_on():
     surface = (PLACES[0] > 28) | (PLACES[1] < 42)
     found = occupancy(*split(surface, HOLE), HOLE, 0).solid
     assert (found == surface)[HOLE].mean() > 0.95
+
+
+@pytest.mark.parametrize("flat", [1.0, 0.6])
+def test_the_rim_of_a_round_table_goes_on(flat):
+    """Its back is hidden all along the hole: what is seen of its rim tells where it ends."""
+    surface = np.hypot((PLACES[0] - 34) / flat, PLACES[1] - 40) < 22
+    hole = (PLACES[0] < 34) & (np.abs(PLACES[1] - 40) < 17)
+    found = occupancy(*split(surface, hole), hole, 0, trusted=0.75)
+    assert found.trusted and (found.solid == surface)[hole].mean() > 0.95
+
+
+def test_a_jagged_rim_is_no_ellipse():
+    rng = np.random.default_rng(0)
+    surface = PLACES[0] > 30 + np.repeat(rng.integers(-12, 12, 10), 8)[None]
+    known, through = split(surface, HOLE)
+    assert _by_ellipse(known, through, HOLE, 0) is None
 
 
 def test_a_round_rim_goes_on_smoothly():
