@@ -148,14 +148,14 @@ def mean_scores(views: Iterable[Mapping[str, Score]]) -> dict[str, Score]:
     return means
 
 
-def bounding_box(mask: torch.Tensor) -> tuple[slice, slice]:
-    """Rows and columns around a mask's True pixels, grown to `SSIM_WINDOW` pixels where smaller."""
-    return _span(mask.any(1)), _span(mask.any(0))
+def bounding_box(mask: torch.Tensor, smallest: int = SSIM_WINDOW) -> tuple[slice, slice]:
+    """Rows and columns around a mask's True pixels, grown to `smallest` pixels where smaller."""
+    return _span(mask.any(1), smallest), _span(mask.any(0), smallest)
 
 
-def _span(occupied: torch.Tensor) -> slice:
+def _span(occupied: torch.Tensor, smallest: int) -> slice:
     where = occupied.nonzero()
     first, last = int(where.min()), int(where.max()) + 1
-    size = max(last - first, min(SSIM_WINDOW, len(occupied)))
+    size = max(last - first, min(smallest, len(occupied)))
     first = min(max(first - (size - (last - first)) // 2, 0), len(occupied) - size)
     return slice(first, first + size)
