@@ -49,7 +49,7 @@ def test_removal_against_held_out_photographs(toy_run):
     assert "unmasked PSNR" in tables[0].columns
     assert "inf" in tables[0].text()
     assert read_metrics(toy_run.folder)["evaluation"]["unmasked_loss_db"] == 0
-    assert "LPIPS is not measured" in tables[0].title
+    assert "`diga3d eval` measures LPIPS" in tables[0].title
 
 
 def test_views_that_a_given_splat_may_have_seen_are_scored_with_a_word(toy_run):

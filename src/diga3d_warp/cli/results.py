@@ -45,6 +45,28 @@ def add_results(commands: Commands) -> None:
     evaluate.add_argument(
         "--image-scale", type=scale, metavar="S", help="size of the images (default that of the run)"
     )
+    evaluate.add_argument(
+        "--weights",
+        type=path,
+        metavar="DIR",
+        help="folder with weights of the perceptual metrics (default the caches that they are downloaded to)",
+    )
+    evaluate.add_argument(
+        "--device",
+        choices=["auto", "cpu", "cuda"],
+        default="auto",
+        help="where the networks of the metrics run (default auto)",
+    )
+    evaluate.add_argument(
+        "--source-prompt",
+        metavar="TEXT",
+        help="what the scene shows before the edit, for CLIP_dir",
+    )
+    evaluate.add_argument(
+        "--edit-prompt",
+        metavar="TEXT",
+        help="what the scene shows after the edit, for CLIP_dir (default the prompt of the run)",
+    )
 
     export = commands.add(
         "export",
@@ -82,11 +104,24 @@ def _render(
     return 0
 
 
-def _evaluate(folder: Path, protocol: str, image_scale: float | None) -> int:
+def _evaluate(
+    folder: Path,
+    protocol: str,
+    image_scale: float | None,
+    weights: Path | None,
+    device: str,
+    source_prompt: str | None,
+    edit_prompt: str | None,
+) -> int:
+    from diga3d_warp.checkpoints import best_device
+    from diga3d_warp.evaluation.perceptual import Perceptual, edit_text
     from diga3d_warp.evaluation.protocols import evaluate
+    from diga3d_warp.evaluation.record import read_manifest
     from diga3d_warp.evaluation.report import write_report
 
-    for table in evaluate(folder, protocol, image_scale=image_scale):
+    text = edit_text(read_manifest(folder), source_prompt, edit_prompt)
+    perceptual = Perceptual.load(weights, best_device(device), text)
+    for table in evaluate(folder, protocol, image_scale=image_scale, perceptual=perceptual):
         print(table.text())
     print(write_report(folder))
     return 0

@@ -15,17 +15,22 @@ spin-nerf
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from tqdm import tqdm
 
 from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
+from diga3d_warp.evaluation.frames import Draw, corrs_of_run, corrs_table
 from diga3d_warp.evaluation.metrics import Score, compare, matched, mean_scores
+from diga3d_warp.evaluation.perceptual import Gathering, Pair, Perceptual, perceptual_tables
 from diga3d_warp.evaluation.record import (
     CAMERAS,
     REMEDY,
@@ -48,7 +53,7 @@ from diga3d_warp.state import read_plane
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-LPIPS_LINE = "LPIPS is not measured: its weights are not part of this program."
+EVAL_LINE = "`diga3d eval` measures LPIPS and other perceptual metrics."
 
 
 @dataclass(frozen=True)
@@ -77,8 +82,26 @@ class Comparison:
         }
 
 
+@dataclass(frozen=True)
+class Subject:
+    """What is compared with what.
+
+    Attributes:
+        title: Name of the comparison.
+        pair: A test view to its picture and reference.
+    """
+
+    title: str
+    pair: Callable[[View], Pair]
+
+
 def evaluate(
-    folder: Path, protocol: str = "held-out", *, image_scale: float | None = None, scene: Scene | None = None
+    folder: Path,
+    protocol: str = "held-out",
+    *,
+    image_scale: float | None = None,
+    scene: Scene | None = None,
+    perceptual: Perceptual | None = None,
 ) -> list[Table]:
     """Measure a finished run and put the figures into its metrics.json under "evaluation".
 
@@ -87,9 +110,10 @@ def evaluate(
         protocol: "held-out" or "spin-nerf"; see the module.
         image_scale: Size of the images; that of the run if None.
         scene: The run's scene, if it is loaded already; read from where the manifest says if None.
+        perceptual: Metrics that are measured beside PSNR and SSIM, and Corrs with them; none if None.
 
     Returns:
-        The table of means, then one by view for each comparison.
+        The table of means, those of the perceptual metrics, then one by view for each comparison.
 
     Raises:
         InputError: the folder holds no finished run, the scene has gone, or it has no views to compare with.
@@ -107,21 +131,35 @@ def evaluate(
             "use --protocol held-out"
         )
     views = _test_views(folder, scene.with_alpha(effects.background))
-    if protocol == "spin-nerf":
-        comparisons = [_against_truth(folder, views, effects)]
-    elif (folder / SOURCE).is_file():
-        comparisons = _edited_and_source(folder, views, effects)
+    draws = {"edited": _renderer(folder / RESULT, effects)}
+    if (folder / SOURCE).is_file():
+        draws["source"] = _renderer(folder / SOURCE, effects)
     else:
-        comparisons = _fitted(folder, views, effects)
+        draws = {"fit": draws["edited"]}
+    if protocol == "spin-nerf":
+        subjects = [_against_truth(draws)]
+    elif "source" in draws:
+        subjects = _edited_and_source(folder, draws)
+    else:
+        subjects = _fitted(draws["fit"], effects)
+    comparisons, gatherings = _measure(subjects, views, perceptual)
     figures: dict[str, Any] = {
         "protocol": protocol,
         "image_scale": scale,
-        "lpips": None,
         "may_be_seen": scene.may_be_seen,
         "comparisons": [comparison.as_json() for comparison in comparisons],
     }
     if protocol == "held-out":
         figures["unmasked_loss_db"] = _unmasked_loss(comparisons)
+    if perceptual is not None:
+        cameras = load_cameras(folder / CAMERAS).train
+        figures["perceptual"] = {
+            "missing": perceptual.missing,
+            "comparisons": {title: gathering.as_json() for title, gathering in gatherings.items()},
+            "corrs": corrs_of_run(
+                draws, cameras, folder / "masks", perceptual.matchers, fills=manifest["command"] == "remove"
+            ),
+        }
     add_metrics(folder, "evaluation", figures)
     return evaluation_tables(figures)
 
@@ -130,66 +168,82 @@ def evaluation_tables(figures: Mapping[str, Any]) -> list[Table]:
     """Tables of what `evaluate` put into metrics.json: the means, then each comparison by view."""
     comparisons = figures["comparisons"]
     count = max(len(comparison["views"]) for comparison in comparisons)
-    title = f"Mean over {count} views ({figures['protocol']}, image scale {figures['image_scale']:g}). "
-    title += LPIPS_LINE
+    title = f"Mean over {count} views ({figures['protocol']}, image scale {figures['image_scale']:g})."
+    if "perceptual" not in figures:
+        title += f" {EVAL_LINE}"
     if figures.get("may_be_seen"):
         title += " The splat was given: it may have been trained on these views."
     if figures.get("unmasked_loss_db") is not None:
         title += f" Unmasked pixels lost {figures['unmasked_loss_db']:.2f} dB to the edit."
     means = {entry["title"]: _scores_from_json(entry["mean"]) for entry in comparisons}
     tables = [score_table(title, "compared", means)]
+    if "perceptual" in figures:
+        tables += perceptual_tables(figures["perceptual"])
+        tables.append(corrs_table(figures["perceptual"]["corrs"], figures["perceptual"]["missing"]))
     for entry in comparisons:
         rows = {name: _scores_from_json(scores) for name, scores in entry["views"].items()}
         tables.append(score_table(entry["title"].capitalize(), "view", rows))
     return tables
 
 
-def _fitted(folder: Path, views: list[View], effects: Effects) -> list[Comparison]:
+def _measure(
+    subjects: list[Subject], views: list[View], perceptual: Perceptual | None
+) -> tuple[list[Comparison], dict[str, Gathering]]:
+    """Scores of all subjects, view by view, so that one view's pictures are in memory at a time."""
+    scores: dict[str, dict[str, Mapping[str, Score]]] = {subject.title: {} for subject in subjects}
+    gatherings = {} if perceptual is None else {title: Gathering(perceptual) for title in scores}
+    for view in tqdm(views, "measuring", disable=perceptual is None or not sys.stderr.isatty()):
+        for subject in subjects:
+            pair = subject.pair(view)
+            found = compare(pair.picture, pair.reference, pair.mask)
+            scores[subject.title][view.name] = {key: found[key] for key in pair.regions if key in found}
+            if gatherings:
+                gatherings[subject.title].add(view.name, pair)
+    return [Comparison(title, found) for title, found in scores.items()], gatherings
+
+
+def _fitted(draw: Draw, effects: Effects) -> list[Subject]:
     """The fit as it renders new views and, where exposures were fitted, a second time with colours matched.
 
     A photograph that was not fitted has no exposure of its own, so the first is uncorrected.
     """
-    draw = _renderer(folder / RESULT, effects)
-    pictures = {view.name: draw(view.camera) for view in views}
-    plain = {view.name: compare(pictures[view.name], view.image) for view in views}
-    comparisons = [Comparison("fit against photographs", plain)]
+
+    def plain(view: View) -> Pair:
+        return Pair(draw(view.camera), view.image)
+
+    def even(view: View) -> Pair:
+        alpha = view.alpha if effects.background else None
+        return Pair(matched(draw(view.camera), view.image, alpha), view.image)
+
+    subjects = [Subject("fit against photographs", plain)]
     if effects.exposure:
-        even = {
-            view.name: compare(
-                matched(pictures[view.name], view.image, view.alpha if effects.background else None),
-                view.image,
-            )
-            for view in views
-        }
-        comparisons.append(Comparison("fit, colours matched to each photograph", even))
-    return comparisons
+        subjects.append(Subject("fit, colours matched to each photograph", even))
+    return subjects
 
 
-def _edited_and_source(folder: Path, views: list[View], effects: Effects) -> list[Comparison]:
-    edited, source = _renderer(folder / RESULT, effects), _renderer(folder / SOURCE, effects)
-    before: dict[str, Mapping[str, Score]] = {}
-    after: dict[str, Mapping[str, Score]] = {}
-    change: dict[str, Mapping[str, Score]] = {}
-    for view in views:
-        mask = _used_mask(folder, view)
-        first, last, photo = source(view.camera), edited(view.camera), view.image
-        scores = compare(first, photo, mask)
-        before[view.name] = {key: scores[key] for key in ("whole", "unmasked") if key in scores}
-        after[view.name] = _only_unmasked(compare(last, photo, mask))
-        change[view.name] = _only_unmasked(compare(last, first, mask))
+def _edited_and_source(folder: Path, draws: Mapping[str, Draw]) -> list[Subject]:
+    def before(view: View) -> Pair:
+        regions = ("whole", "unmasked")
+        return Pair(draws["source"](view.camera), view.image, _used_mask(folder, view), regions)
+
+    def after(view: View) -> Pair:
+        return Pair(draws["edited"](view.camera), view.image, _used_mask(folder, view), ("unmasked",))
+
+    def change(view: View) -> Pair:
+        first, last = draws["source"](view.camera), draws["edited"](view.camera)
+        return Pair(last, first, _used_mask(folder, view), ("unmasked",), edit=True)
+
     return [
-        Comparison("source against photographs", before),
-        Comparison("edited against photographs", after),
-        Comparison("edited against source", change),
+        Subject("source against photographs", before),
+        Subject("edited against photographs", after),
+        Subject("edited against source", change),
     ]
 
 
-def _against_truth(folder: Path, views: list[View], effects: Effects) -> Comparison:
-    draw = _renderer(folder / RESULT, effects)
-    what = "edited" if (folder / SOURCE).is_file() else "fit"
-    return Comparison(
-        f"{what} against ground truth",
-        {view.name: compare(draw(view.camera), view.image, view.mask) for view in views},
+def _against_truth(draws: Mapping[str, Draw]) -> Subject:
+    what, draw = next(iter(draws.items()))
+    return Subject(
+        f"{what} against ground truth", lambda view: Pair(draw(view.camera), view.image, view.mask)
     )
 
 
@@ -200,10 +254,6 @@ def _unmasked_loss(comparisons: list[Comparison]) -> float | None:
         return None
     loss = means[0].psnr - means[1].psnr
     return loss if math.isfinite(loss) else None
-
-
-def _only_unmasked(scores: Mapping[str, Score]) -> dict[str, Score]:
-    return {"unmasked": scores["unmasked"]} if "unmasked" in scores else {}
 
 
 def _load_scene(folder: Path, settings: Mapping[str, Any], scale: float) -> Scene:
@@ -245,10 +295,11 @@ def _used_mask(folder: Path, view: View) -> NDArray[np.bool_] | None:
     return stretched(mask, width, height) > 127
 
 
-def _renderer(path: Path, effects: Effects) -> Callable[[Camera], torch.Tensor]:
+def _renderer(path: Path, effects: Effects) -> Draw:
     """A function that renders a .ply from a camera to RGB, shape (H, W, 3)."""
     gaussians = Gaussians.load_ply(path)
 
+    @lru_cache(1)  # comparisons share the picture of a view
     def draw(camera: Camera) -> torch.Tensor:
         with torch.no_grad():
             return render(gaussians, camera, effects=effects, background=BACKGROUND).color

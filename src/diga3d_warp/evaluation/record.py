@@ -152,14 +152,53 @@ class EvaluationBegun(TypedDict):
     comparisons: list[ComparisonRecord]
 
 
+class GatheringRecord(TypedDict):
+    """Perceptual figures by metric and region, see `perceptual.Gathering`."""
+
+    mean: dict[str, dict[str, float]]
+    views: dict[str, dict[str, dict[str, float]]]
+
+
+class CorrsRecord(TypedDict):
+    """Correspondences of frames, see `correspondences.Corrs`."""
+
+    whole: float
+    masked: float | None
+
+
+class FramesRecord(TypedDict):
+    """Correspondences of the frames of one splat or fill, by matcher."""
+
+    title: str
+    pairs: int
+    matches: dict[str, CorrsRecord]
+
+
+class FramesRecords(TypedDict):
+    """What `frames.corrs_of_run` counted; the size is width and height [px]."""
+
+    size: list[int]
+    rows: list[FramesRecord]
+
+
+class PerceptualRecord(TypedDict):
+    """Perceptual figures of an evaluation by comparison, and what each metric that is missing lacks."""
+
+    missing: dict[str, str]
+    comparisons: dict[str, GatheringRecord]
+    corrs: FramesRecords
+
+
 class EvaluationRecord(EvaluationBegun, total=False):
     """Figures of an evaluation.
 
     Attributes:
         unmasked_loss_db: PSNR that the edit cost where it should have changed nothing [dB].
+        perceptual: What `diga3d eval` measures beside PSNR and SSIM.
     """
 
     unmasked_loss_db: float | None
+    perceptual: PerceptualRecord
 
 
 class PointRecord(TypedDict):
