@@ -121,7 +121,7 @@ def test_every_metric_runs_on_random_weights(toy_run, weights, monkeypatch):
         np.mean([view["CLIP_dir"]["whole"] for view in views.values()])
     )
     assert {title for row in figures["corrs"]["rows"] for title in row["matches"]} == {"LoFTR matches"}
-    assert [row[0] for row in tables[1].rows][-3:] == ["CLIP_dir", "MUSIQ", "FID"]
+    assert [row[0] for row in tables[1].rows][-3:] == ["CLIP_dir", "MUSIQ", "FID of 2 pictures"]
 
 
 def test_box_and_mask_against_ground_truth(toy_run, toy_truth, weights):
@@ -212,7 +212,13 @@ def test_text_of_an_edit():
     assert edit_text(manifest, "stone") == EditText("stone", "gold")
     assert edit_text(manifest, "stone", "a gold bear") == EditText("stone", "a gold bear")
     assert edit_text({**manifest, "settings": {}}) == EditText(None, None)
-    assert edit_text({**manifest, "command": "remove"}, "stone") is None
+    removal = {"command": "remove", "settings": {}}
+    assert edit_text(removal) is None
+    assert edit_text(removal, "a room with a vase", "a room") == EditText("a room with a vase", "a room")
+    assert edit_text(removal, "a room with a vase") == EditText("a room with a vase", None)
+    assert edit_text({**removal, "command": "fit"}) is None
+    with pytest.raises(InputError, match="a fit has no edit"):
+        edit_text({**removal, "command": "fit"}, "stone")
 
 
 @pytest.mark.parametrize(
@@ -265,12 +271,12 @@ def test_eval_of_a_folder_without_weights(tmp_path, capsys):
 
 def test_a_single_view_has_no_neighbour(toy_run, no_weights):
     from diga3d_warp.evaluation.record import CAMERAS
-    from diga3d_warp.scene.layouts.cameras_file import CameraSet, load_cameras, save_cameras
+    from diga3d_warp.scene.layouts.cameras_file import load_cameras, save_cameras
 
     cameras = load_cameras(toy_run.folder / CAMERAS)
-    one = dict(list(cameras.train.items())[:1])
-    save_cameras(toy_run.folder / CAMERAS, replace(cameras, train=one))
-    assert isinstance(cameras, CameraSet)
-    evaluate(toy_run.folder, scene=toy_run.scene, perceptual=Perceptual(matchers=[SiftMatcher()]))
-    rows = read_metrics(toy_run.folder)["evaluation"]["perceptual"]["corrs"]["rows"]
-    assert [row["title"] for row in rows] == ["edited, along a path", "source, along a path"]
+    for count, expected in ((1, ["edited, along a path", "source, along a path"]), (0, [])):
+        few = dict(list(cameras.train.items())[:count])
+        save_cameras(toy_run.folder / CAMERAS, replace(cameras, train=few))
+        evaluate(toy_run.folder, scene=toy_run.scene, perceptual=Perceptual(matchers=[SiftMatcher()]))
+        rows = read_metrics(toy_run.folder)["evaluation"]["perceptual"]["corrs"]["rows"]
+        assert [row["title"] for row in rows] == expected

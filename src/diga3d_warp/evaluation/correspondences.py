@@ -115,9 +115,9 @@ class LoftrMatcher:
         from kornia.feature import LoFTR
 
         path = LOFTR.find(weights)
-        state = read_tensors(path)
+        state = read_tensors(path, "state_dict")
         self.network, self.device = LoFTR(pretrained=None), device
-        fill(self.network, state.get("state_dict", state), path)
+        fill(self.network, state, path)
         self.network.to(device)
 
     @torch.no_grad()

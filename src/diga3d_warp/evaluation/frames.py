@@ -16,7 +16,7 @@ import torch
 
 from diga3d_warp.evaluation.correspondences import LoftrMatcher, Matcher, SiftMatcher, count_matches
 from diga3d_warp.evaluation.paths import fly_through
-from diga3d_warp.evaluation.perceptual import NOT_MEASURED
+from diga3d_warp.evaluation.perceptual import NOT_MEASURED, checked
 from diga3d_warp.evaluation.tables import Table
 from diga3d_warp.priors.classical import telea_fill
 from diga3d_warp.scene.camera import Camera
@@ -59,13 +59,19 @@ def corrs_of_run(
         fills: Whether to fill each view's mask alone by Telea, as what a removal is compared with.
 
     Returns:
-        JSON data: size of the frames, and rows with title, pairs and the mean matches of a pair by matcher.
+        JSON data: size of the frames, and rows with title, pairs and the mean matches of a pair by matcher;
+        no rows without cameras.
+
+    Raises:
+        InputError: what is rendered holds NaN or infinity.
     """
+    if not cameras:
+        return {"size": [0, 0], "rows": []}
     small = {name: _fitting(camera) for name, camera in cameras.items()}
     path = [_fitting(camera) for camera in fly_through(list(cameras.values()), FRAMES)]
     rows = []
     for title, draw in draws.items():
-        frames = {index: draw(path[index]) for pair in PATH_PAIRS for index in pair}
+        frames = {index: checked(draw(path[index])) for pair in PATH_PAIRS for index in pair}
         rows.append(_row(f"{title}, along a path", PATH_PAIRS, frames, None, matchers))
     names = list(small)
     pairs = _neighbours(len(names))
@@ -74,7 +80,7 @@ def corrs_of_run(
     seen = inside if any(mask.any() for mask in inside.values()) else None
     if pairs:
         for title, draw in draws.items():
-            frames = {index: draw(small[names[index]]) for index in used}
+            frames = {index: checked(draw(small[names[index]])) for index in used}
             rows.append(_row(f"{title}, between views", pairs, frames, seen, matchers))
         if fills and seen is not None:  # `frames` are those before the edit
             filled = {index: telea_fill(frames[index], torch.from_numpy(inside[index])) for index in frames}

@@ -61,10 +61,10 @@ class Musiq:
             InputError: the file is missing or damaged.
         """
         path = KONIQ.find(weights)
-        state = read_tensors(path)
+        state = read_tensors(path, "params")
         with torch.device("meta"):
             self.network = _Network()
-        fill(self.network, state.get("params", state), path)
+        fill(self.network, state, path)
         self.network.to(device)
         self.device = device
 

@@ -176,7 +176,7 @@ class Gathering:
         if len(self.features) > 1:
             sets = (np.stack([pair[side] for pair in self.features]) for side in (0, 1))
             mean[Inception.title] = {"whole": frechet_distance(*sets)}
-        return {"mean": mean, "views": self.views}
+        return {"mean": mean, "views": self.views, "pictures": len(self.features)}
 
 
 def edit_text(
@@ -187,8 +187,14 @@ def edit_text(
     Args:
         manifest: Of the run.
         source, edited: Given by the user, in place of none and of the run's prompt.
+
+    Raises:
+        InputError: texts are given for a fit, which has no edit.
     """
-    if manifest["command"] not in ("retexture", "replace"):
+    command, given = manifest["command"], source is not None or edited is not None
+    if command == "fit" and given:
+        raise InputError("a fit has no edit: leave out --source-prompt and --edit-prompt")
+    if command not in ("retexture", "replace") and not given:
         return None
     return EditText(source, edited or manifest["settings"].get("prompt"))
 
@@ -217,6 +223,8 @@ def perceptual_tables(figures: Mapping[str, Any]) -> list[Table]:
         regions = [region for region in REGIONS if any(region in mean for mean in means)]
         for region in regions:
             name = title if title in SINGLE else f"{title}, {region}"
+            if title == Inception.title:
+                name += f" of {max(entry['pictures'] for entry in comparisons.values())} pictures"
             rows.append([name, *(_cell(title, mean.get(region)) for mean in means)])
         if not regions and title in missing:
             rows.append([title, *([NOT_MEASURED] * len(comparisons))])

@@ -179,7 +179,8 @@ def evaluation_tables(figures: Mapping[str, Any]) -> list[Table]:
     tables = [score_table(title, "compared", means)]
     if "perceptual" in figures:
         tables += perceptual_tables(figures["perceptual"])
-        tables.append(corrs_table(figures["perceptual"]["corrs"], figures["perceptual"]["missing"]))
+        if figures["perceptual"]["corrs"]["rows"]:
+            tables.append(corrs_table(figures["perceptual"]["corrs"], figures["perceptual"]["missing"]))
     for entry in comparisons:
         rows = {name: _scores_from_json(scores) for name, scores in entry["views"].items()}
         tables.append(score_table(entry["title"].capitalize(), "view", rows))

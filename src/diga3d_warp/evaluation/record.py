@@ -153,10 +153,11 @@ class EvaluationBegun(TypedDict):
 
 
 class GatheringRecord(TypedDict):
-    """Perceptual figures by metric and region, see `perceptual.Gathering`."""
+    """Perceptual figures by metric and region, see `perceptual.Gathering`; `pictures` are those of FID."""
 
     mean: dict[str, dict[str, float]]
     views: dict[str, dict[str, dict[str, float]]]
+    pictures: int
 
 
 class CorrsRecord(TypedDict):

@@ -8,7 +8,7 @@ pickles, which could otherwise run code.
 from __future__ import annotations
 
 import os
-import pickle
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -74,8 +74,12 @@ def require(*libraries: str) -> None:
         raise InputError(f"{' and '.join(missing)} not installed: {INSTALL}")
 
 
-def read_tensors(path: Path) -> dict[str, Any]:
+def read_tensors(path: Path, part: str | None = None) -> Mapping[str, Any]:
     """A state dictionary, its tensors mapped from the file on the CPU.
+
+    Args:
+        path: File of torch.save.
+        part: Key under which the file holds the dictionary; it may also hold the dictionary alone.
 
     Raises:
         InputError: the file cannot be read, or holds other things than tensors.
@@ -83,13 +87,17 @@ def read_tensors(path: Path) -> dict[str, Any]:
     import torch
 
     try:
-        # An older form of file than zip cannot be mapped.
         with path.open("rb") as file:
-            mapped = file.read(2) == b"PK"
-        state = torch.load(path, map_location="cpu", weights_only=True, mmap=mapped)
-    except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError) as error:
-        reason = str(error).strip().split("\n")[0]
-        raise InputError(f"{path} cannot be read ({reason}): download it again") from error
+            mapped = file.read(2) == b"PK"  # an older form of file than zip cannot be mapped
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            state = torch.load(path, map_location="cpu", weights_only=True, mmap=mapped)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror or error})") from error
+    except Exception as error:  # of a damaged file torch's reader raises anything
+        raise InputError(f"{path} cannot be read: it is damaged, or holds more than tensors") from error
+    if isinstance(state, dict) and isinstance(state.get(part), dict):
+        state = state[part]
     if not isinstance(state, dict):
         raise InputError(f"{path} holds no state dictionary: download it again")
     return state
