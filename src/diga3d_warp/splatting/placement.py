@@ -7,7 +7,7 @@ import warp as wp
 
 from diga3d_warp.kernels.cameras import lens_model
 from diga3d_warp.kernels.launch import launch
-from diga3d_warp.kernels.reprojection import position_kernel
+from diga3d_warp.kernels.reprojection import ReprojectionLimits, position_kernel
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.optics import lens_of, optics_of
 
@@ -60,6 +60,8 @@ def projected(points: np.ndarray, camera: Camera) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         rays = local[:, :2] / z[:, None]
     kind, coefficients, radius = lens_of(camera)
+    if kind == "none":
+        return _pinhole(rays, z, camera, radius).reshape(points.shape)
     found = wp.empty(len(local), dtype=wp.vec3d, device="cpu")
     launch(
         position_kernel(kind, wp.float64), len(local),
@@ -73,3 +75,15 @@ def projected(points: np.ndarray, camera: Camera) -> np.ndarray:
         [found], device="cpu",
     )  # fmt: skip
     return found.numpy().reshape(points.shape)
+
+
+def _pinhole(rays: np.ndarray, z: np.ndarray, camera: Camera, radius: float) -> np.ndarray:
+    """What the kernel finds without a lens: a launch takes longer, and a search for planes has thousands."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        shown = (
+            (z >= ReprojectionLimits.depth_min)
+            & (z <= ReprojectionLimits.depth_max)
+            & ((rays**2).sum(axis=1) < radius**2)
+        )
+        places = rays * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    return np.where(shown[:, None], np.column_stack([places, z]), np.nan)
