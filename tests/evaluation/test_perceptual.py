@@ -280,3 +280,15 @@ def test_a_single_view_has_no_neighbour(toy_run, no_weights):
         evaluate(toy_run.folder, scene=toy_run.scene, perceptual=Perceptual(matchers=[SiftMatcher()]))
         rows = read_metrics(toy_run.folder)["evaluation"]["perceptual"]["corrs"]["rows"]
         assert [row["title"] for row in rows] == expected
+
+
+def test_damaged_figures_are_refused_before_the_work(toy_run):
+    class Never:
+        title = "MUSIQ"
+
+        def score(self, picture):
+            raise AssertionError("measured")
+
+    (toy_run.folder / METRICS).write_text('{"evaluation": 3}')
+    with pytest.raises(InputError, match="is damaged"):
+        evaluate(toy_run.folder, scene=toy_run.scene, perceptual=Perceptual(musiq=Never()))

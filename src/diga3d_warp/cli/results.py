@@ -52,12 +52,6 @@ def add_results(commands: Commands) -> None:
         help="folder with weights of the perceptual metrics (default the caches that they are downloaded to)",
     )
     evaluate.add_argument(
-        "--device",
-        choices=["auto", "cpu", "cuda"],
-        default="auto",
-        help="where the networks of the metrics run (default auto)",
-    )
-    evaluate.add_argument(
         "--source-prompt",
         metavar="TEXT",
         help="what the scene shows before the edit, for CLIP_dir",
@@ -109,7 +103,6 @@ def _evaluate(
     protocol: str,
     image_scale: float | None,
     weights: Path | None,
-    device: str,
     source_prompt: str | None,
     edit_prompt: str | None,
 ) -> int:
@@ -120,7 +113,7 @@ def _evaluate(
     from diga3d_warp.evaluation.report import write_report
 
     text = edit_text(read_manifest(folder), source_prompt, edit_prompt)
-    perceptual = Perceptual.load(weights, best_device(device), text)
+    perceptual = Perceptual.load(weights, best_device("auto"), text)
     for table in evaluate(folder, protocol, image_scale=image_scale, perceptual=perceptual):
         print(table.text())
     print(write_report(folder))

@@ -38,6 +38,7 @@ from diga3d_warp.evaluation.record import (
     SOURCE,
     add_metrics,
     read_manifest,
+    read_metrics,
     run_effects,
 )
 from diga3d_warp.evaluation.tables import Table, score_table
@@ -119,6 +120,7 @@ def evaluate(
         InputError: the folder holds no finished run, the scene has gone, or it has no views to compare with.
     """
     manifest = read_manifest(folder)
+    read_metrics(folder)  # damaged figures are refused before the work, not after it
     settings, effects = manifest["settings"], run_effects(manifest)
     if not (folder / RESULT).is_file():
         raise InputError(f"{folder} has no {RESULT}: finish the run with --resume first")
