@@ -8,8 +8,9 @@ held-out
     affine colour transform that fits each photograph best. Photographs
     with transparent pixels and their renderings are compared over white, as in NeRF-synthetic's protocol.
 spin-nerf
-    Against the photographs without the object that a SPIn-NeRF scene brings: whole, over the mask, over the
-    mask's bounding box. Any image scale; figures of different scales do not compare.
+    Against the photographs without the object that a scene of SPIn-NeRF, 360-USID or Inpaint360GS brings:
+    whole, over the mask, over the mask's bounding box. A test view without a mask is measured over the one
+    that the run gave it. Any image scale; figures of different scales do not compare.
 """
 
 from __future__ import annotations
@@ -139,7 +140,7 @@ def evaluate(
     else:
         draws = {"fit": draws["edited"]}
     if protocol == "spin-nerf":
-        subjects = [_against_truth(draws)]
+        subjects = [_against_truth(folder, draws)]
     elif "source" in draws:
         subjects = _edited_and_source(folder, draws)
     else:
@@ -243,11 +244,14 @@ def _edited_and_source(folder: Path, draws: Mapping[str, Draw]) -> list[Subject]
     ]
 
 
-def _against_truth(draws: Mapping[str, Draw]) -> Subject:
+def _against_truth(folder: Path, draws: Mapping[str, Draw]) -> Subject:
     what, draw = next(iter(draws.items()))
-    return Subject(
-        f"{what} against ground truth", lambda view: Pair(draw(view.camera), view.image, view.mask)
-    )
+
+    def shown(view: View) -> Pair:
+        mask = _used_mask(folder, view) if view.mask is None else view.mask
+        return Pair(draw(view.camera), view.image, mask)
+
+    return Subject(f"{what} against ground truth", shown)
 
 
 def _unmasked_loss(comparisons: list[Comparison]) -> float | None:

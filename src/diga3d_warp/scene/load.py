@@ -17,6 +17,7 @@ from diga3d_warp.scene.checks.frame import check_frame, likely_poses
 from diga3d_warp.scene.checks.frame_suspects import CONVENTIONS
 from diga3d_warp.scene.colmap.reconstruction import read_colmap
 from diga3d_warp.scene.formats.read import read_splat_points
+from diga3d_warp.scene.layouts.data_sets import find_data_set
 from diga3d_warp.scene.layouts.llff import read_llff
 from diga3d_warp.scene.layouts.nerfstudio import read_nerfstudio
 from diga3d_warp.scene.layouts.polycam import read_polycam
@@ -81,7 +82,8 @@ def load_scene(
         mask_ids: Numbers of the objects that are meant, where masks hold several; all if empty.
         hold_out: Every such view in sorted order, from the first, is held out for testing; 0 holds out none,
             and so do scenes of fewer than 4 views. A capture's own split is kept instead: of SPIn-NeRF,
-            NeRF-synthetic, test_filenames in transforms.json, cameras.json of this program.
+            360-USID, Inpaint360GS, NeRF-synthetic, test_filenames in transforms.json, cameras.json of this
+            program.
         progress: Show progress on the terminal.
 
     Returns:
@@ -98,12 +100,16 @@ def load_scene(
     if not capture.image_folders:
         raise InputError(no_photographs(root))
     shots = _shots(capture, root)
-    sources = find_sources(capture.image_folders, list(shots), image_scale)
+    data_set = find_data_set(root, capture)
+    beside = None if data_set is None else data_set.beside
+    sources = find_sources(capture.image_folders, list(shots), image_scale, beside)
     keys = _keys(sources.found)
     files = {keys[name]: source.file for name, source in sources.found.items()}
     turns = find_turns({keys[name]: shots[name].camera for name in sources.found}, files)
     photographs, damaged = _read_photographs(sources.found, keys, turns, progress)
     notes = [*found.notes, *capture.notes, *sources.notes, *damaged]
+    if data_set is not None:
+        notes.insert(0, data_set.data_set.line(root, image_scale, capture.image_folders))
     notes += calibration_notes({keys[name]: shots[name].camera for name in sources.found})
     if len(photographs) < 2:
         raise InputError(
@@ -121,8 +127,12 @@ def load_scene(
     mask_folder = Path(masks) if masks is not None else None
     named = {keys[name]: file for name, shot in shots.items() if (file := shot.mask) and name in photographs}
     mask_files = find_masks(root, capture.image_folders, mask_folder, list(views), named)
-    if mask_files.ground_truth:
-        held_out = (held_out or frozenset()) | mask_files.ground_truth
+    truth = mask_files.ground_truth
+    if data_set is not None:
+        truth |= {keys[name] for name in data_set.without_object if name in photographs}
+    if truth:
+        held_out = (held_out or frozenset()) | truth
+        mask_files = replace(mask_files, ground_truth=truth)
     test_keys = _held_out(list(views), held_out, hold_out)
     if test_keys.issuperset(views):
         raise InputError(f"{root}: its split leaves no view for training; correct it, or restore the images")
@@ -157,7 +167,7 @@ def load_scene(
         points,
         tuple(notes),
         found.splat,
-        ground_truth=bool(mask_files.ground_truth),
+        ground_truth=bool(truth),
         reading=Reading(image_scale, mask_folder, hold_out, tuple(mask_ids)),
         mask_problem=masked.problem,
         may_be_seen=may_be_seen,

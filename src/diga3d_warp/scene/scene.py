@@ -103,7 +103,8 @@ class Scene:
         points: Sparse points, world space.
         notes: Assumptions and omissions of the reader, one line each: missing images, repaired masks.
         splat: The splat .ply that the scene came with, if it came with one.
-        ground_truth: True if `test_views` show the scene without the object (the SPIn-NeRF protocol).
+        ground_truth: True if `test_views` show the scene without the object, as those of SPIn-NeRF, 360-USID
+            and Inpaint360GS.
         reading: The arguments of `load_scene`.
         mask_problem: Why the masks found are not used; None if they are.
         may_be_seen: Whether `splat` may have been trained on `test_views`: it came without its own split.

@@ -25,8 +25,8 @@ from diga3d_warp.scene.photographs.names import image_key, listed
 from diga3d_warp.scene.photographs.orientation import masks_turned
 from diga3d_warp.scene.scene import View
 
-MASK_FOLDERS = ("masks", "mask")
-"""Folders of a scene in which masks are looked for, in this order."""
+MASK_FOLDERS = ("masks", "mask", "object_masks")
+"""Folders of a scene in which masks are looked for, in this order; the last is 360-USID's."""
 
 # What people and tools add to the name of an image for the name of its mask.
 _AFFIX = re.compile(
@@ -60,7 +60,7 @@ class MaskFiles:
 
     Attributes:
         files: Mask file of each image that has one, by image key.
-        ground_truth: Keys of the images that show the scene without the object (SPIn-NeRF), or empty.
+        ground_truth: Keys of the images that show the scene without the object, or empty.
         notes: What was guessed, one line each.
         problem: Why the masks found are not used; None if they are usable.
         folder: Folder that was named by the user.

@@ -44,7 +44,9 @@ class Sources:
     notes: Sequence[str]
 
 
-def find_sources(folders: Mapping[int, Path], names: Sequence[str], image_scale: float) -> Sources:
+def find_sources(
+    folders: Mapping[int, Path], names: Sequence[str], image_scale: float, beside: Path | None = None
+) -> Sources:
     """The files that the names of a calibration mean, in the folder that fits the wanted scale.
 
     An image that is missing there is taken from a folder with larger ones, and made smaller. A folder whose
@@ -55,6 +57,7 @@ def find_sources(folders: Mapping[int, Path], names: Sequence[str], image_scale:
         folders: Image folders by the factor by which they are smaller, as `Capture.image_folders`.
         names: Paths below the image folder, with or without endings.
         image_scale: Wanted scale in (0, 1], relative to the largest images present.
+        beside: Folder with further photographs, as large as the largest images.
 
     Raises:
         InputError: the scale is outside (0, 1].
@@ -83,6 +86,10 @@ def find_sources(folders: Mapping[int, Path], names: Sequence[str], image_scale:
             notes.append(
                 f"{chosen}: {len(late)} images are missing there and read from {folder.name}: {listed(late)}"
             )
+    if beside is not None:
+        left = [name for name in names if name not in found]
+        for name, file in find_images(left, beside, images_below(beside)).files.items():
+            found[name] = Source(file, image_scale, image_key(name))
     if missing := [name for name in names if name not in found]:
         notes.append(_missing_note(chosen, missing))
     return Sources(found, [*notes, *_unposed_note(chosen, found)])
