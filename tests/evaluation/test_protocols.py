@@ -136,6 +136,17 @@ def test_spin_nerf_scores_whole_masked_and_box(toy_run, toy_truth):
     assert [row[0] for row in tables[1].rows] == ["view_0", "view_4"]
 
 
+def test_views_without_a_mask_are_scored_over_the_runs(toy_run, toy_truth):
+    """360-USID and Inpaint360GS bring no masks of their test views."""
+    evaluate(toy_run.folder, "spin-nerf", scene=toy_truth)
+    expected = comparisons(toy_run.folder)
+    for view in toy_truth.test_views:
+        write_image(toy_run.folder / "masks" / f"{view.name}.png", view.mask)
+    bare = [replace(view, mask=None) for view in toy_truth.test_views]
+    evaluate(toy_run.folder, "spin-nerf", scene=replace(toy_truth, test_views=bare))
+    assert comparisons(toy_run.folder) == expected
+
+
 def test_other_image_scale(toy_run, toy_truth):
     views = [
         replace(

@@ -40,7 +40,8 @@ def add_results(commands: Commands) -> None:
         "--protocol",
         choices=["held-out", "spin-nerf"],
         default="held-out",
-        help="against held-out photographs, or a SPIn-NeRF scene's ground truth (default held-out)",
+        help="against held-out photographs, or those without the object of SPIn-NeRF, 360-USID or "
+        "Inpaint360GS (default held-out)",
     )
     evaluate.add_argument(
         "--image-scale", type=scale, metavar="S", help="size of the images (default that of the run)"
