@@ -111,6 +111,17 @@ def test_a_removals_prompt_is_not_the_instruction(make_run, tmp_path):
     assert question["instruction"] == "Remove the object." and "never been there" in question["ask"]
 
 
+@pytest.mark.parametrize(
+    "prompt", ["</script><b>gold</b>", "caf\u00e9 \u2028 \U0001f431", "byte \udcff", "a\nb"]
+)
+def test_any_prompt_stays_text(make_run, tmp_path, prompt):
+    runs = [make_run("a", 200, prompt=prompt), make_run("b", 120, prompt=prompt)]
+    page = write_study([runs], tmp_path / "study.html").page
+    assert page.read_text(encoding="utf-8").count("</script") == 2
+    (question,) = data_of(page)["questions"]
+    assert prompt in question["instruction"]
+
+
 def _refusals(make_run, tmp_path):
     a, b = make_run("a", 200), make_run("b", 120)
     empty, unfinished, damaged = tmp_path / "empty", make_run("unfinished", 90), make_run("damaged", 80)

@@ -109,7 +109,7 @@ def load_scene(
     photographs, damaged = _read_photographs(sources.found, keys, turns, progress)
     notes = [*found.notes, *capture.notes, *sources.notes, *damaged]
     if data_set is not None:
-        notes.insert(0, data_set.data_set.line(root, image_scale, capture.image_folders))
+        notes.insert(0, data_set.data_set.line(root, image_scale, hold_out, capture.image_folders))
     notes += calibration_notes({keys[name]: shots[name].camera for name in sources.found})
     if len(photographs) < 2:
         raise InputError(

@@ -127,4 +127,4 @@ def _flights(candidates: Sequence[Candidate], first: Candidate) -> tuple[list[Me
 
 
 def _digest(parts: Sequence[str]) -> str:
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+    return hashlib.sha256("\n".join(parts).encode("utf-8", "surrogatepass")).hexdigest()[:16]

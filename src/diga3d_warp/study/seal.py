@@ -56,7 +56,10 @@ def unseal(text: str) -> Sealed | None:
         content = json.loads(zlib.decompress(base64.b64decode(text, validate=True)))
     except (ValueError, binascii.Error, zlib.error):
         return None
-    return content if misfit(content, Sealed) is None else None
+    if misfit(content, Sealed) is not None:
+        return None
+    places = {place for question in content["questions"] for place in question["candidates"].values()}
+    return content if places <= set(range(len(content["methods"]))) else None
 
 
 def study_number(text: str) -> str:

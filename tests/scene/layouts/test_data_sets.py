@@ -164,6 +164,25 @@ def test_mip_nerf_360_is_measured_at_its_own_sizes(tmp_path, monkeypatch):
         assert f"images_{factor}, which --image-scale {1 / factor:g} gives" in line_of(scene)
 
 
+def test_mip_nerf_360_by_its_image_folders(tmp_path, corner):
+    """Without poses_bounds.npy, as it is often handed on; 3DGS' convert.py makes the same of own videos."""
+    root = mip_nerf_360(corner, tmp_path / "stump")
+    (root / "poses_bounds.npy").unlink()
+    assert "the layout of Mip-NeRF 360" in line_of(load_scene(root))
+    (root / "input").mkdir()
+    assert load_scene(root).notes == ()
+
+
+def test_labels_without_test_labels_and_other_views_held_out(tmp_path, corner):
+    root = llff(corner, tmp_path / "scene")
+    corner.write_masks(root / "images_4" / "label")
+    scene = load_scene(root, image_scale=0.25, hold_out=3)
+    assert not scene.ground_truth and scene.views[0].mask.any()
+    line = line_of(scene)
+    assert "SPIn-NeRF, without test_label: test views are every 8th" in line
+    assert "which --hold-out 8 gives; masks are those of label" in line and "--image-scale" not in line
+
+
 def test_ordinary_captures_are_of_no_data_set(tmp_path, corner):
     """Names, folders and files that are alike, but not the data sets'."""
     corner.write_images(tmp_path / "all_test" / "images")

@@ -45,6 +45,7 @@ class DataSet:
         masks: Masks, in words.
         factor: The N of the images_N on which its figures are measured; None if no folder has that size.
         size: Size of the images there, in words; empty if it differs from scene to scene.
+        hold_out: Every such view is a test view; None if the data set chooses them in another way.
     """
 
     name: str
@@ -52,16 +53,20 @@ class DataSet:
     masks: str
     factor: int | None
     size: str = ""
+    hold_out: int | None = None
 
-    def line(self, root: Path, image_scale: float, folders: Collection[int]) -> str:
+    def line(self, root: Path, image_scale: float, hold_out: int, folders: Collection[int]) -> str:
         """The line that says which was recognised.
 
         Args:
             root: Scene folder.
             image_scale: Scale at which the scene is read.
+            hold_out: Every such view is held out.
             folders: Factors of the image folders that are there.
         """
-        measured = ""
+        views, measured = self.views, ""
+        if self.hold_out not in (None, hold_out):
+            views += f", which --hold-out {self.hold_out} gives"
         if self.factor is not None:
             scale = min(min(folders, default=1) / self.factor, 1.0)
             place = f"images_{self.factor}" if self.factor > 1 else "the images at full size"
@@ -70,8 +75,11 @@ class DataSet:
                 measured += f", which --image-scale {scale:.6g} gives"
         elif self.size:
             measured = f"; its images are {self.size}"
-        return f"{root}: the layout of {self.name}: {self.views}; {self.masks}{measured}"
+        return f"{root}: the layout of {self.name}: {views}; {self.masks}{measured}"
 
+
+EVERY_EIGHTH = "test views are every 8th, the first included"
+NO_MASKS = "the data set brings no masks"
 
 SPIN_NERF = DataSet(
     "SPIn-NeRF",
@@ -80,6 +88,7 @@ SPIN_NERF = DataSet(
     4,
     "1008 x 567 px",
 )
+LABELLED = DataSet("SPIn-NeRF, without test_label", EVERY_EIGHTH, "masks are those of label", 4, hold_out=8)
 USID = DataSet(
     "360-USID",
     f"test views are those of {TEST_IMAGES}, without the object",
@@ -89,14 +98,12 @@ USID = DataSet(
 INPAINT360GS = DataSet(
     "Inpaint360GS",
     f"test views are those called {TEST_PREFIX}*, without the object",
-    "it has no masks: give --masks or --mask-box",
+    f"{NO_MASKS}: give --masks or --mask-box",
     2,
 )
-EVERY_EIGHTH = "test views are every 8th, the first included"
-NO_MASKS = "it has no masks"
-LLFF = DataSet("LLFF", EVERY_EIGHTH, NO_MASKS, 4, "1008 x 756 px")
-OUTDOORS_360 = DataSet("Mip-NeRF 360", EVERY_EIGHTH, NO_MASKS, 4)
-INDOORS_360 = DataSet("Mip-NeRF 360", EVERY_EIGHTH, NO_MASKS, 2)
+LLFF = DataSet("LLFF", EVERY_EIGHTH, NO_MASKS, 4, "1008 x 756 px", hold_out=8)
+OUTDOORS_360 = DataSet("Mip-NeRF 360", EVERY_EIGHTH, NO_MASKS, 4, hold_out=8)
+INDOORS_360 = DataSet("Mip-NeRF 360", EVERY_EIGHTH, NO_MASKS, 2, hold_out=8)
 IN2N = DataSet(
     "Instruct-NeRF2NeRF (nerfstudio's)",
     "it edits every view, and measures rendered ones",
@@ -138,9 +145,12 @@ def find_data_set(root: Path, capture: Capture) -> FoundDataSet | None:
             return FoundDataSet(USID, test, beside)
         if test := _test_named(names):
             return FoundDataSet(INPAINT360GS, test)
-    if capture.kind in ("colmap", "llff") and entry(root, "poses_bounds.npy") is not None:
-        if _faces_forward(capture):
-            return FoundDataSet(LLFF)
+    bounds = capture.kind in ("colmap", "llff") and entry(root, "poses_bounds.npy") is not None
+    if bounds and any(has_images(folder / "label") for folder in folders.values()):
+        return FoundDataSet(LABELLED)
+    if bounds and 2 not in folders and _faces_forward(capture):
+        return FoundDataSet(LLFF)
+    if bounds or (capture.kind == "colmap" and _resized(root, folders)):
         return FoundDataSet(INDOORS_360 if root.resolve().name.lower() in INDOORS else OUTDOORS_360)
     frames = all(NERFSTUDIO_FRAME.fullmatch(PurePosixPath(image_key(name)).name) for name in names)
     if capture.kind == "nerfstudio" and frames and {2, 4} <= image_folders(root).keys():
@@ -170,6 +180,11 @@ def _is_test(name: str) -> bool:
 
 def _shape(name: str) -> str:
     return re.sub(r"\d+", "0", image_key(name)).casefold()
+
+
+def _resized(root: Path, folders: Mapping[int, Path]) -> bool:
+    """Whether images have the sizes of Mip-NeRF 360, and not from 3DGS' convert.py, which keeps `input`."""
+    return {1, 2, 4, 8} <= folders.keys() and not any(entry(root, name) for name in ("input", "distorted"))
 
 
 def _faces_forward(capture: Capture) -> bool:
