@@ -64,6 +64,8 @@ def test_regions(measure):
     assert list(scores) == ["whole", "masked", "box", "unmasked"]
     assert scores["masked"] == pytest.approx(float(around[mask].mean()), abs=1e-6)
     assert scores["box"] == pytest.approx(measure.whole(first[2:33, 4:36], second[2:33, 4:36]), abs=1e-6)
+    for region, value in scores.items():
+        assert measure.scores(first, second, mask, (region,)) == pytest.approx({region: value})
     inside = torch.where(mask[..., None], second, first)
     assert measure.scores(inside, first, mask)["unmasked"] == 0.0, "equal outside of the mask"
     assert scores["unmasked"] > 0.001

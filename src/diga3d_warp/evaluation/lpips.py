@@ -7,7 +7,7 @@ bounding box, the LPIPS of the two crops, as in SPIn-NeRF's.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -15,7 +15,7 @@ from typing import Any, Literal
 import torch
 from torch.nn.functional import interpolate
 
-from diga3d_warp.evaluation.metrics import bounding_box
+from diga3d_warp.evaluation.metrics import REGIONS, bounding_box
 from diga3d_warp.evaluation.weights import WeightsFile, fill, read_tensors, require
 
 TORCHVISION = "https://download.pytorch.org/models/"
@@ -84,13 +84,19 @@ class Lpips:
         return _map(layers, picture.shape[:2])
 
     def scores(
-        self, picture: torch.Tensor, reference: torch.Tensor, mask: torch.Tensor | None = None
+        self,
+        picture: torch.Tensor,
+        reference: torch.Tensor,
+        mask: torch.Tensor | None = None,
+        regions: Collection[str] = REGIONS,
     ) -> dict[str, float]:
-        """LPIPS over the regions of `metrics.REGIONS` that have a pixel; none for too small a picture.
+        """LPIPS over the regions that have a pixel; none for too small a picture.
 
         Args:
             picture, reference: RGB in [0, 1], shape (H, W, 3).
             mask: True where the object is or was, shape (H, W), bool; None if unknown.
+            regions: Those of `metrics.REGIONS` that are wanted. Passes through the network take the time, and
+                each of "box" and "unmasked" needs its own.
 
         Returns:
             whole: of the two pictures. masked: mean of the spatial map over the mask. box: of the two crops
@@ -100,16 +106,22 @@ class Lpips:
         size = picture.shape[:2]
         if min(size) < self.backbone.smallest:
             return {}
-        target = self._features(reference)
-        layers = self._layers(self._features(picture), target)
-        scores = {"whole": _mean(layers)}
         if mask is None:
-            return scores
-        if mask.any():
-            scores["masked"] = float(_map(layers, size)[mask].double().mean())
+            mask, regions = torch.zeros(size, dtype=torch.bool), set(regions) & {"whole"}
+        wanted = set(regions) - ({"unmasked"} if mask.all() else set())
+        wanted -= set() if mask.any() else {"masked", "box"}
+        scores = {}
+        target = self._features(reference)
+        if wanted & {"whole", "masked"}:
+            layers = self._layers(self._features(picture), target)
+            if "whole" in wanted:
+                scores["whole"] = _mean(layers)
+            if "masked" in wanted:
+                scores["masked"] = float(_map(layers, size)[mask].double().mean())
+        if "box" in wanted:
             rows, columns = bounding_box(mask, self.backbone.smallest)
             scores["box"] = self.whole(picture[rows, columns], reference[rows, columns])
-        if not mask.all():
+        if "unmasked" in wanted:
             equal = torch.where(mask[..., None], reference, picture)
             outside = _map(self._layers(self._features(equal), target), size)
             scores["unmasked"] = float(outside[~mask].double().mean())

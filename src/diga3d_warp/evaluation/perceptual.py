@@ -128,10 +128,7 @@ class Perceptual:
         mask = None if pair.mask is None else torch.as_tensor(pair.mask).cpu()
         figures: Figures = {}
         for lpips in self.lpips:
-            scores = lpips.scores(picture, reference, mask)
-            figures[lpips.backbone.title] = {
-                region: scores[region] for region in pair.regions if region in scores
-            }
+            figures[lpips.backbone.title] = lpips.scores(picture, reference, mask, pair.regions)
         if self.clip is not None and pair.edit:
             figures[self.clip.title] = {"whole": self.clip.score(picture, reference)}
         if self.musiq is not None and not pair.edit:
