@@ -53,7 +53,7 @@ def test_each_method_is_measured_but_those_without_a_prior(measured):
         numbers = [value for value in found.values() if value is not None]
         assert np.isfinite(numbers).all()
         assert found["psnr"] > 5 and 0 <= found["left"] < 1
-    assert figures["mean colour"]["depth_error"] is None and figures["classical"]["depth_error"] > 0
+    assert figures["mean colour"]["depth_error"] is None and 0 < figures["classical"]["depth_error"] < 0.3
 
 
 def test_true_images_come_out_ahead(measured):

@@ -20,6 +20,7 @@ from diga3d_warp.pipelines.demo import TRUTH
 from diga3d_warp.pipelines.remove import RemoveSettings, remove_object
 from diga3d_warp.pipelines.request import EditResult
 from diga3d_warp.pipelines.run import Run
+from diga3d_warp.pipelines.stages import shell_of
 from diga3d_warp.priors.named import load_prior
 from diga3d_warp.priors.protocol import Prior
 from diga3d_warp.propagation.fill import Fill
@@ -221,8 +222,16 @@ def outcome_of(scene: Scene, result: EditResult, settings: RemoveSettings, truth
 
 
 def _seen(result: EditResult, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Colour in [0, 1] and depth of a rendering; depth is 0 where the splat covers less than half."""
+    """Colour in [0, 1] and depth of a rendering; depth is 0 where the splat covers less than half.
+
+    The surround counts for colour alone: it is far behind, and a little of it changes mean depth much.
+    """
+    shell, effects = shell_of(result.run), result.run.effects
+    scene = result.gaussians.select(
+        torch.arange(len(result.gaussians) - (0 if shell is None else len(shell)))
+    )
     with torch.no_grad():
-        rendering = render(result.gaussians, camera, effects=replace(result.run.effects, depth=True))
+        color = render(result.gaussians, camera, effects=effects).color
+        rendering = render(scene, camera, effects=replace(effects, depth=True))
     depth = torch.where(rendering.alpha > 0.5, rendering.depth, 0.0)
-    return rendering.color.clamp(0.0, 1.0).numpy(), depth.numpy()
+    return color.clamp(0.0, 1.0).numpy(), depth.numpy()
