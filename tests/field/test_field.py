@@ -7,6 +7,7 @@ brush, OpenSplat, LichtFeld Studio, SuperSplat, COLMAP, instant-ngp).
 from __future__ import annotations
 
 import cases_cameras  # noqa: F401
+import cases_data_sets  # noqa: F401
 import cases_edits  # noqa: F401
 import cases_files  # noqa: F401
 import cases_fills  # noqa: F401
