@@ -20,7 +20,7 @@ ASKED = {
     "retexture": "Which result follows the instruction best, in high quality?",
     "replace": "Which result follows the instruction best, in high quality?",
 }
-"""The question by edit. The paper (its user study) lets users "select the most relevant edited scene based on the
+"""The question by edit. The paper's user study lets users "select the most relevant edited scene based on the
 text prompts while ensuring high rendering quality"; a removal has no prompt to be relevant to."""
 
 
