@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from tiny_removal import SETTINGS, stage_splat
+from tiny_removal import FILLED, SETTINGS, stage_splat
 
 from diga3d_warp import cli
 from diga3d_warp.errors import InputError
@@ -140,19 +140,7 @@ def test_without_propagation_views_are_edited_alone(prior):
         FreeText.of(prior, "a vase", "", "retexture", WARPED)
 
 
-REMOVAL = (
-    "effects",
-    "fit",
-    "lift",
-    "mirror",
-    "shadow",
-    "clear",
-    "look-behind",
-    "charts",
-    "references",
-    "fill",
-)
-REMOVAL += ("propagate", "refit")
+REMOVAL = (*FILLED, "propagate", "refit")
 IMAGINE = ReplaceSettings(
     removal=replace(SETTINGS, distil=replace(DISTIL, iterations=8), method=SAMPLED),
     grow=replace(GROW, iterations=40),

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from tiny_removal import SETTINGS, Removed, stage_splat
+from tiny_removal import FILLED, SETTINGS, Removed, stage_splat
 
 from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
@@ -39,19 +39,7 @@ def test_the_run_folder_holds_what_it_should(removed):
     assert len(names) == 9
     for folder in ("views/before", "views/after", "masks"):
         assert sorted(file.name for file in (removed.folder / folder).iterdir()) == names
-    stages = [
-        "effects",
-        "fit",
-        "lift",
-        "mirror",
-        "shadow",
-        "clear",
-        "look-behind",
-        "charts",
-        "references",
-        "fill",
-    ]
-    stages += ["propagate", "refit", "distil", "views"]
+    stages = [*FILLED, "propagate", "refit", "distil", "views"]
     assert sorted(entry.name for entry in (removed.folder / "stages").iterdir()) == sorted(stages)
     manifest = json.loads((removed.folder / "manifest.json").read_text())
     assert [stage["name"] for stage in manifest["stages"]] == stages

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from tiny_removal import SETTINGS, stage_splat
+from tiny_removal import FILLED, SETTINGS, stage_splat
 
 from diga3d_warp.evaluation.record import read_manifest
 from diga3d_warp.gaussians.parameters import Gaussians
@@ -20,19 +20,7 @@ QUICK = ReplaceSettings(
     removal=SETTINGS, settle=with_changes(SETTLE, iterations=30), grow=with_changes(GROW, iterations=30)
 )
 
-REMOVAL = [
-    "effects",
-    "fit",
-    "lift",
-    "mirror",
-    "shadow",
-    "clear",
-    "look-behind",
-    "charts",
-    "references",
-    "fill",
-]
-REMOVAL += ["propagate", "refit", "distil"]
+REMOVAL = [*FILLED, "propagate", "refit", "distil"]
 
 
 def replaced(removed, folder, prompt="a big golden sphere", **options):

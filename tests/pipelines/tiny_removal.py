@@ -26,6 +26,12 @@ SETTINGS = RemoveSettings(
 )
 
 
+FILLED = [
+    "effects", "fit", "lift", "mirror", "shadow", "clear", "look-behind", "charts", "references", "fill",
+]  # fmt: skip
+"""Stages of a removal until its views are filled."""
+
+
 def stage_splat(run: Run, stage: str) -> Gaussians:
     """What a stage made, in the user's world."""
     working = Gaussians.load_ply(run.folder / "stages" / stage / "point_cloud.ply", every_row=True)
