@@ -72,3 +72,11 @@ def test_intrinsics_keep_their_gradient_through_other_changes():
 def test_absurd_intrinsics_are_refused(intrinsics, why):
     with pytest.raises(InputError, match=why):
         Camera(**GOOD, world_to_camera=pose()).with_intrinsics(torch.tensor(intrinsics))
+
+
+@pytest.mark.parametrize(("side", "size"), [(1000, (640, 480)), (160, (160, 120)), (1, (1, 1))])
+def test_a_camera_for_smaller_images_keeps_its_field_of_view(side, size):
+    camera = Camera(640, 480, 500.0, 500.0, 320.0, 240.0, torch.eye(4))
+    small = camera.within(side)
+    assert (small.width, small.height) == size
+    assert small.fx / small.width == pytest.approx(500.0 / 640.0)

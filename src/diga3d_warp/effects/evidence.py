@@ -156,8 +156,7 @@ def order_change(gaussians: Gaussians, cameras: Sequence[Camera], thresholds: Th
     """What sorting each pixel by its own depths changes in pictures, root mean square [levels]."""
     squares = []
     for camera in cameras:
-        scale = min(1.0, thresholds.order_side / max(camera.width, camera.height))
-        small = camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
+        small = camera.within(thresholds.order_side)
         with torch.no_grad():
             by_centers, by_pixels = (
                 render(gaussians, small, effects=Effects(depth=False, pixel_order=own)).color.clamp(0.0, 1.0)

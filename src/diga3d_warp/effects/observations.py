@@ -68,7 +68,7 @@ def observe(scene: Scene, thresholds: Thresholds) -> Observations:
         offsets = positions[chosen] - view.camera.center
         directions[row] = offsets / np.linalg.norm(offsets, axis=1, keepdims=True).clip(np.finfo(float).tiny)
         seen = np.nonzero(np.isfinite(pixels[chosen, 0]))[0]
-        small = _small(view.camera, thresholds)
+        small = view.camera.within(thresholds.image_side)
         colors[row, seen] = _read(view.pixels, small, pixels[chosen[seen]], thresholds)
         depth = offsets[seen] @ view.camera.forward
         sampling[row, seen] = 0.5 * (view.camera.fx + view.camera.fy) / depth
@@ -83,15 +83,9 @@ def _spread(items: Sequence | np.ndarray, most: int) -> Sequence | np.ndarray:
     return items[rows] if isinstance(items, np.ndarray) else [items[row] for row in rows]
 
 
-def _small(camera: Camera, thresholds: Thresholds) -> Camera:
-    """The camera at the size at which colours are read."""
-    scale = min(1.0, thresholds.image_side / max(camera.width, camera.height))
-    return camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
-
-
 def _place(positions: np.ndarray, view: View, thresholds: Thresholds) -> np.ndarray:
     """Pixels of points in the small image, shape (N, 2); NaN where outside, hidden, or not opaque."""
-    small = _small(view.camera, thresholds)
+    small = view.camera.within(thresholds.image_side)
     local = small.relative_to(small.center)
     means = torch.from_numpy((positions - small.center).astype(np.float32))
     count = len(means)

@@ -101,8 +101,7 @@ def priced(plan: EffectsPlan, gaussians: Gaussians, camera: Camera) -> EffectsPl
         gaussians: Gaussians to render or, before a fit, its initialisation.
         camera: One of the scene's.
     """
-    scale = min(1.0, LONGEST_SIDE / max(camera.width, camera.height))
-    camera = camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
+    camera = camera.within(LONGEST_SIDE)
     stride = -(-len(gaussians) // MOST_GAUSSIANS)
     sample = gaussians.select(torch.arange(0, len(gaussians), stride))
     names = [name for name in PRICED if name != "lens" or camera.distortion is not None]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import torch
 
@@ -37,15 +36,18 @@ WHOLE = WholeSettings()
 
 def left_empty(scene: Scene, gaussians: Gaussians, settings: WholeSettings = WHOLE) -> float:
     """Share of the photographs' opaque pixels at which a splat is empty [1]."""
+    import cv2
+
     count = min(settings.views, len(scene.views))
     empty = pixels = 0
     for number in np.linspace(0, len(scene.views) - 1, count).round().astype(int):
         view = scene.views[number]
-        scale = min(1.0, settings.side / max(view.camera.width, view.camera.height))
-        size = max(round(view.camera.width * scale), 1), max(round(view.camera.height * scale), 1)
+        camera = view.camera.within(settings.side)
         with torch.no_grad():
-            alpha = render(gaussians, view.camera.resized(*size)).alpha.numpy()
-        shown = cv2.resize(view.opacity, size, interpolation=cv2.INTER_AREA) >= OPAQUE
+            alpha = render(gaussians, camera).alpha.numpy()
+        shown = (
+            cv2.resize(view.opacity, (camera.width, camera.height), interpolation=cv2.INTER_AREA) >= OPAQUE
+        )
         empty += int((shown & (alpha < settings.alpha)).sum())
         pixels += int(shown.sum())
     return empty / max(pixels, 1)

@@ -83,7 +83,7 @@ class Masked:
         """The same, where views show a mirror image that is not the support's own."""
         source, rows = self.source, self.rows
         chosen = [self.scene.views[row] for row in _spread(len(self.scene.views))]
-        small = [_small(view.camera) for view in chosen]
+        small = [view.camera.within(SHADOWS.side) for view in chosen]
 
         def resized(masks: Masks) -> list[np.ndarray]:
             return [_resized(masks[view.name], camera) for view, camera in zip(chosen, small, strict=True)]
@@ -126,11 +126,6 @@ def solid_of(gaussians: Gaussians) -> Solid:
 
 def _spread(count: int) -> np.ndarray:
     return np.linspace(0, count - 1, min(SHADOWS.views, count)).round().astype(int)
-
-
-def _small(camera: Camera) -> Camera:
-    scale = min(1.0, SHADOWS.side / max(camera.width, camera.height))
-    return camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
 
 
 def _resized(mask: np.ndarray, camera: Camera) -> np.ndarray:

@@ -147,6 +147,11 @@ class Camera:
         scales = self.intrinsics.new_tensor([sx, sy, sx, sy])
         return replace(self, width=width, height=height).with_intrinsics(scales * self.intrinsics)
 
+    def within(self, side: int) -> Camera:
+        """The same camera for images whose longer side is `side` at most [px]."""
+        scale = min(1.0, side / max(self.width, self.height))
+        return self.resized(max(1, round(self.width * scale)), max(1, round(self.height * scale)))
+
     def without_lens(self) -> Camera:
         """The pinhole camera with the same intrinsics."""
         return replace(self, distortion=None).with_intrinsics(self.intrinsics)

@@ -16,9 +16,7 @@ from diga3d_warp.surfaces.photo import Photo
 from diga3d_warp.surfaces.settings import AGREEMENT, SURFACES
 
 
-def consistent(
-    photo: Photo, asked: np.ndarray, photos: Sequence[Photo], instead: np.ndarray
-) -> np.ndarray:  # fmt: skip
+def consistent(photo: Photo, asked: np.ndarray, photos: Sequence[Photo], instead: np.ndarray) -> np.ndarray:
     """Where other photographs agree on what a view's depth shows, shape (H, W), bool.
 
     They agree where they differ by less among themselves than from what else may be there.
