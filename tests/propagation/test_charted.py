@@ -108,3 +108,40 @@ def test_transparent_pixels_see_to_infinity():
 
 def test_nothing_filled_gives_no_gaussian():
     assert surfels([grey_chart()], 1) == []
+
+
+def beside(part: float) -> np.ndarray:
+    """Depth that is the chart's at a part of the hole, from the left; elsewhere something is nearer."""
+    return np.where(np.arange(SIZE)[None] < 20 + 24 * part, DEPTH, 0.8 * DEPTH).astype(np.float32)
+
+
+def test_all_views_decide_whether_a_chart_is_seen_through_the_hole():
+    doubtful, sure = beside(0.4), DEPTH
+    assert not chart_view(*view(), doubtful, [grey_chart()]).shown.any()
+    seen, background = view()
+    together = chart_views([seen] * 3, [background] * 3, [doubtful, sure, sure], [grey_chart()])
+    assert all(each.shown.any() for each in together)
+    rather_not = chart_views([seen] * 3, [background] * 3, [beside(0.1)] * 2 + [sure], [grey_chart()])
+    assert not rather_not[0].shown.any()
+
+
+def slanted() -> tuple[View, Background, np.ndarray]:
+    """The floor at seven degrees; its depth there."""
+    pose = torch.from_numpy(look_at(np.array([0.0, -3.0, 0.35]), np.zeros(3)))
+    camera = replace(CAMERA, world_to_camera=pose)
+    seen, background = view()
+    return replace(seen, camera=camera), background, FLOOR.depth(camera).astype(np.float32)
+
+
+def test_depth_of_a_slanted_surface_may_differ_more():
+    seen, background, depth = slanted()
+    depth = np.where(np.isfinite(depth), depth, 0.0).astype(np.float32)
+    assert chart_view(seen, background, np.float32(1.035) * depth, [grey_chart(0.9)]).shown.any()
+    assert not chart_view(*view(), np.float32(1.035) * DEPTH, [grey_chart(0.9)]).shown.any()
+
+
+def test_where_depth_is_unclear_colours_tell():
+    """Depth 5 % behind the chart: the same grey is the chart's surface, another is not."""
+    assert chart_view(*view(), np.float32(1.05) * DEPTH, [grey_chart(0.5)]).shown.any()
+    assert not chart_view(*view(), np.float32(1.05) * DEPTH, [grey_chart(0.9)]).shown.any()
+    assert not chart_view(*view(), np.float32(1.3) * DEPTH, [grey_chart(0.5)]).shown.any()
