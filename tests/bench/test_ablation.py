@@ -6,11 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 
 from diga3d_warp.bench.ablation import cell, measure, page
-from diga3d_warp.bench.ablation.measure import Figures, priors_of
+from diga3d_warp.bench.ablation.measure import Figures, _seen, priors_of
 from diga3d_warp.bench.ablation.trials import UNCHARTED, USUAL, Trial, groups_of
 from diga3d_warp.bench.captures import Captures
+from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.pipelines.method import WARPED
@@ -20,6 +22,7 @@ from diga3d_warp.priors.classical import ClassicalPrior, telea_fill
 from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.scene.photographs.images import read_image
+from scenes import camera_at, random_gaussians
 
 TINY = RemoveSettings(
     fit=FitSettings(iterations=60, budget=2000),
@@ -245,3 +248,19 @@ def test_page(monkeypatch, tmp_path):
     assert f"`diga3d bench ablation --prior exemplar --situations rug --seeds 2 --out {tmp_path}`" in text
     with pytest.raises(InputError, match="figures of other settings"):
         page.bench_ablation(tmp_path, tmp_path / "work", replace(captures, width=80), "exemplar")
+
+
+def test_depth_is_that_of_the_scene_without_its_surround(tmp_path):
+    """A thing that lets some of a far shell through: mean depth over both would be many times as large."""
+    camera = camera_at()
+    scene, shell = random_gaussians(60, seed=0, degree=0), random_gaussians(60, seed=1, degree=0)
+    shell.means.mul_(100.0).sub_(torch.from_numpy(200.0 * camera.center).float())
+    shell.log_scales.add_(float(np.log(200.0)))
+    run = SimpleNamespace(folder=tmp_path, effects=Effects())
+    path = tmp_path / "stages" / "fit"
+    path.mkdir(parents=True)
+    alone = _seen(SimpleNamespace(run=run, gaussians=scene), camera)
+    shell.save_ply(path / "surround.ply")
+    both = _seen(SimpleNamespace(run=run, gaussians=scene.joined(shell)), camera)
+    assert (alone[1] > 0.0).any() and np.abs(alone[0] - both[0]).max() > 0.01, "the shell is seen"
+    np.testing.assert_array_equal(alone[1], both[1])

@@ -160,3 +160,12 @@ def test_a_mound_is_bent():
     assert plane.bend is not None
     assert np.median(np.abs(plane.distances(points))) < 0.01
     assert find_planes(flat, np.array([0.0, 0.0, 5.0]), 0)[0].bend is None
+
+
+def test_a_support_that_holds_a_thirtieth_of_the_points_is_found():
+    """A plinth's top on a wide lawn."""
+    rng = np.random.default_rng(0)
+    lawn = plane_points(rng, (0.0, 0.0, 1.0), 0.0, count=6000, noise=0.01, spread=3.0)
+    top = plane_points(rng, (0.0, 0.0, 1.0), 0.5, count=200, noise=0.005, spread=0.3)
+    found = find_planes(joined(lawn, top), EYE, 0)
+    assert sorted(round(plane.offset, 1) for plane in found) == [0.0, 0.5]
