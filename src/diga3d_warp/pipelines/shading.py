@@ -65,15 +65,8 @@ def find_shade(
     """
     run, rows, edit_masks = masked.run, masked.rows, masked.edit_masks
     if filled and wish is None:
-        decide(
-            run,
-            Choice(
-                "shadow",
-                False,
-                "not looked for: fills are given, which show shadows as they should be",
-                "task",
-            ),
-        )
+        said = "not looked for: fills are given, which show shadows as they should be"
+        decide(run, Choice("shadow", False, said, "task"))
     if not run.effects.shadow:
         return Shade(rows, edit_masks, None)
 

@@ -170,7 +170,8 @@ is that between the captures.
   each view, of all fitted views.
 - **true references**, **true views**: {references} references, or all fitted views, are given as they truly
   are, as `--fill` takes them; the former lie on charts, and a classical prior fills what they do not show.
-  True views differ from the truth before the fit only where the removal took an unseen pixel for seen. What true references lose against true views after the fit is lost by propagation.
+  True views differ from the truth before the fit only where the removal took an unseen pixel for seen. What
+  true references lose against true views after the fit is lost by propagation.
 {missing}
 The pictures show the captures where {PICTURED} is best (upper two rows) and worst (lower two) by PSNR of
 unseen pixels: the view with the most of them, as filled and as rendered from the edited splat.
