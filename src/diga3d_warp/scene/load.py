@@ -94,7 +94,7 @@ def load_scene(
     """
     path = Path(path)
     found = recognise(path)
-    root, capture = found.root, _read(found, progress)
+    root, capture = found.root, read_capture(found, progress)
     if found.images is not None and (chosen := _only(capture.image_folders, found.images)):
         capture = replace(capture, image_folders=chosen)
     if not capture.image_folders:
@@ -175,7 +175,7 @@ def load_scene(
     return with_near_planes(scene)
 
 
-def _read(found: Recognised, progress: bool) -> Capture:
+def read_capture(found: Recognised, progress: bool) -> Capture:
     """Read the calibration that was recognised."""
     root, poses = found.root, list(found.poses)
     if found.kind == "images":

@@ -55,6 +55,14 @@ class DataSet:
     size: str = ""
     hold_out: int | None = None
 
+    def scale(self, folders: Collection[int]) -> float:
+        """The image scale on which its figures are measured; 1 if no folder has that size.
+
+        Args:
+            folders: Factors of the image folders that are there.
+        """
+        return 1.0 if self.factor is None else min(min(folders, default=1) / self.factor, 1.0)
+
     def line(self, root: Path, image_scale: float, hold_out: int, folders: Collection[int]) -> str:
         """The line that says which was recognised.
 
@@ -68,7 +76,7 @@ class DataSet:
         if self.hold_out not in (None, hold_out):
             views += f", which --hold-out {self.hold_out} gives"
         if self.factor is not None:
-            scale = min(min(folders, default=1) / self.factor, 1.0)
+            scale = self.scale(folders)
             place = f"images_{self.factor}" if self.factor > 1 else "the images at full size"
             measured = f"; its figures are measured on {place}{self.size and f' ({self.size})'}"
             if abs(scale - image_scale) > 1e-6 * scale:

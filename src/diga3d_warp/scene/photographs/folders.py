@@ -60,6 +60,18 @@ def walk(folder: Path, depth: int | None = None) -> Iterator[tuple[Path, list[Pa
         yield here, [here / file for file in sorted(files) if not file.startswith(".")]
 
 
+def scene_folders(folder: Path) -> list[Path]:
+    """Folders in a folder but for hidden ones, those of systems and of runs, in sorted order."""
+    return [
+        path
+        for path in entries(folder)
+        if path.is_dir()
+        and not path.name.startswith(".")
+        and path.name not in _LEFT_BY_SYSTEMS
+        and not is_run(path)
+    ]
+
+
 def images_below(folder: Path) -> list[Path]:
     """Image files below a folder, in sorted order of their paths."""
     return sorted(

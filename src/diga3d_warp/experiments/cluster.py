@@ -1,0 +1,153 @@
+"""Ray: workers on this machine or on those of a cluster. Imported only where it is used."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
+from types import ModuleType
+from typing import Any
+
+from diga3d_warp.errors import InputError
+from diga3d_warp.experiments.job import LOG, JobFolder
+from diga3d_warp.experiments.run import ATTEMPTS, Ended
+from diga3d_warp.experiments.work import Work, attempt
+from diga3d_warp.process import tune_process
+
+INSTALL = "pip install 'diga3d-warp[cluster]'"
+
+TICK = 1.0
+"""Seconds between looks at the progress."""
+
+REACH = 10.0
+"""Seconds in which a cluster's head must accept a connection. Ray itself would try for a minute or more."""
+
+STORE_BYTES = 80 * 2**20
+"""Ray's object store on this machine: jobs exchange files, never objects, and Ray takes no less."""
+
+
+@dataclass(frozen=True)
+class RayCrew:
+    """Workers of Ray.
+
+    Attributes:
+        address: Of a cluster's head, HOST:PORT, ray://HOST:PORT or "auto"; None starts Ray on this machine.
+        workers: Jobs at a time on this machine; a cluster runs as many as its resources allow.
+        threads: Cores that a job asks for, and threads that it computes with.
+        gpus: GPUs that a job asks for; a part of one lets jobs share it.
+    """
+
+    address: str | None = None
+    workers: int = 1
+    threads: int = 1
+    gpus: float = 0.0
+
+    def __call__(
+        self, folders: Sequence[JobFolder], work: Work, tick: Callable[[], None]
+    ) -> Iterator[Ended]:
+        """Work on jobs; see `run.Crew`.
+
+        Raises:
+            InputError: Ray is not installed, the cluster cannot be reached, or none of its machines has what
+                a job asks for.
+        """
+        if not folders:
+            return
+        ray = self._connect()
+        try:
+            self._check_resources(ray)
+            task = ray.remote(
+                num_cpus=self.threads, num_gpus=self.gpus, max_calls=1, max_retries=ATTEMPTS - 1
+            )(_worker)
+            pending = {task.remote(str(folder.path), work, self.threads): folder for folder in folders}
+            while pending:
+                tick()
+                done, _ = ray.wait(list(pending), num_returns=1, timeout=TICK)
+                for reference in done:
+                    folder, reason = pending.pop(reference), ""
+                    try:
+                        ray.get(reference)
+                    except ray.exceptions.RayTaskError as error:
+                        reason = str(error.cause or error)
+                    except ray.exceptions.RayError as error:
+                        ending = type(error).__name__
+                        reason = f"its process ended {ATTEMPTS} times (Ray's {ending}): see its {LOG}"
+                    yield Ended(folder, reason)
+        finally:
+            ray.shutdown()
+
+    def _connect(self) -> ModuleType:
+        ray = require_ray()
+        options: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
+        if self.address is None:
+            os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+            # The cores that `workers` jobs ask for: Ray starts as many at a time.
+            options |= {"num_cpus": self.workers * self.threads, "object_store_memory": STORE_BYTES}
+            options |= {"include_dashboard": False, "address": "local"}
+        else:
+            _check_reachable(self.address)
+            options["address"] = self.address
+        try:
+            ray.init(**options)
+        except Exception as error:  # ConnectionError, RuntimeError, ValueError, by the kind of address
+            where = "on this machine" if self.address is None else f"at {self.address}"
+            reason = str(error).strip().splitlines() or [type(error).__name__]
+            raise InputError(
+                f"Ray cannot be used {where} ({reason[0]}): check `ray status` there, or leave --address out"
+            ) from error
+        return ray
+
+    def _check_resources(self, ray: ModuleType) -> None:
+        """Refuse jobs that would wait for ever."""
+        machines = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+        fits = [m for m in machines if m.get("CPU", 0) >= self.threads and m.get("GPU", 0) >= self.gpus]
+        if not fits:
+            most = {kind: max((m.get(kind, 0) for m in machines), default=0) for kind in ("CPU", "GPU")}
+            raise InputError(
+                f"a job asks for {self.threads} cores and {self.gpus:g} GPUs, but no machine of the cluster has "
+                f"more than {most['CPU']:g} cores and {most['GPU']:g} GPUs: lower --cores or --gpus"
+            )
+
+
+def require_ray() -> ModuleType:
+    """Ray.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    if find_spec("ray") is None:
+        raise InputError(f"Ray is not installed: {INSTALL}, or leave --address and --ray out")
+    import ray
+
+    return ray
+
+
+def _check_reachable(address: str) -> None:
+    """Try to connect to a cluster's head.
+
+    Raises:
+        InputError: nothing answers there, or the address has no port.
+    """
+    if address in ("auto", "local"):
+        return
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not (host and colon and port.isdecimal() and int(port) < 65536):
+        raise InputError(f"--address {address} is not HOST:PORT, ray://HOST:PORT or auto")
+    try:
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=REACH):
+            pass
+    except OSError as error:
+        raise InputError(
+            f"no cluster answers at {address} ({error.strerror or error}): start it with `ray start --head`, or "
+            "leave --address out to run on this machine"
+        ) from error
+
+
+def _worker(path: str, work: Work, threads: int) -> None:
+    """What Ray runs; tasks of one process follow each other, so each process gets one."""
+    with suppress(ImportError):
+        tune_process()
+    attempt(path, work, threads)
