@@ -27,6 +27,7 @@ RANKS = (
     {"effects"},
     {"pipelines"},
     {"doctor", "bench", "study"},
+    {"experiments"},
     {"cli"},
 )
 """Packages and modules from the bottom up: each imports itself and lower ranks only."""

@@ -40,8 +40,8 @@ def quick_work(folder: JobFolder, threads: int) -> Outcome:
             os.kill(os.getpid(), signal.SIGKILL)
     value = float(len(folder.job.scene) + options.get("more", 0))
     return Outcome(
-        error=None, figures={"PSNR": {"whole": value, "masked": None}}, missing={}, protocol="spin-nerf", views=2,
-        size=[9, 8], version="1",
+        error=None, figures={"PSNR": {"whole": value, "masked": None}}, missing={}, protocol="spin-nerf",
+        views=2, size=[9, 8], version="1",
     )  # fmt: skip
 
 

@@ -47,7 +47,9 @@ def test_an_error_is_kept_and_tried_again(tmp_path, capsys):
         said = capsys.readouterr().err
         assert f"{jobs[0].name}: /scenes/bad: no view has a mask" in said
     assert "Traceback" in (JobFolder(tmp_path / "out", jobs[1]).path / "log.txt").read_text()
-    assert "Traceback" not in said and f"{jobs[2].name}: done" not in said and "1 of them done earlier" in said
+    assert (
+        "Traceback" not in said and f"{jobs[2].name}: done" not in said and "1 of them done earlier" in said
+    )
 
 
 def test_other_options_are_another_job():
@@ -58,7 +60,7 @@ def test_other_options_are_another_job():
 
 
 def test_killed_workers_are_replaced(tmp_path):
-    """Jobs go on where a killed process was, and end with the same bytes; one that always dies is given up."""
+    """Jobs go on where a killed process was, with the same bytes; one that always dies is given up."""
     names = ["a", "b", "c"]
     run_jobs([quick_job(name) for name in names], tmp_path / "calm", here, quick_work)
     jobs = [quick_job("a"), quick_job("b", dies=1), quick_job("c", always=True)]

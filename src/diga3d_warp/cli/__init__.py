@@ -13,6 +13,7 @@ from pathlib import Path
 
 from diga3d_warp.cli.benchmarks import add_benchmarks
 from diga3d_warp.cli.edits import add_edits
+from diga3d_warp.cli.experiments import add_experiments
 from diga3d_warp.cli.parsing import EXIT_INPUT, Commands, Help, Parser, Version
 from diga3d_warp.cli.results import add_results
 from diga3d_warp.cli.signals import Stopped, exit_code, last_line, stoppable
@@ -36,6 +37,7 @@ examples:
   diga3d eval run/statue                             PSNR and SSIM on held-out views
   diga3d export run/statue --format spz              the splat for other programs
   diga3d study run/ours run/lama --out study.html    a page on which people vote
+  diga3d experiment table1 --data spin-nerf --out run/table1
   diga3d bench kernels                               measure the kernels on this machine
   diga3d doctor                                      check this machine
 
@@ -112,6 +114,7 @@ def parser() -> argparse.ArgumentParser:
     add_edits(commands)
     add_results(commands)
     add_study(commands)
+    add_experiments(commands)
     add_benchmarks(commands)
     add_trials(commands)
     return root

@@ -38,6 +38,12 @@ def add_trials(commands: Commands) -> None:
         help="reflectance of what the object stands on, seen from above: it mirrors the object",
     )
     synthetic.add_argument("--seed", type=seed, default=0, metavar="N")
+    synthetic.add_argument(
+        "--layout",
+        choices=["colmap", "spin-nerf"],
+        default="colmap",
+        help="spin-nerf: test views without the object in place of the ground truth (default colmap)",
+    )
 
     demo = commands.add(
         "demo", _demo, "edit the object of a synthetic room and compare", "diga3d demo --out run/demo"
@@ -60,8 +66,10 @@ def _synthetic(
     no_shadows: bool,
     gloss: float | None,
     seed: int,
+    layout: str,
 ) -> int:
     from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
+    from diga3d_warp.scene.synthetic.spin_nerf import generate_spin_nerf
 
     settings = SyntheticScene(
         width=width,
@@ -72,7 +80,8 @@ def _synthetic(
         situation=situation,
         gloss=gloss,
     )
-    print(generate(settings, out, progress=True))
+    write = generate_spin_nerf if layout == "spin-nerf" else generate
+    print(write(settings, out, progress=True))
     return 0
 
 

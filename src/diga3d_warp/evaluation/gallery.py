@@ -38,7 +38,7 @@ def write_gallery(
     )
     sections = [
         f"<h1>{escape(title)}</h1>",
-        section("Side by side", "".join(_row(row) for row in rows)),
+        section("Side by side", "".join(picture_row(row) for row in rows)),
         section("Each run", f"<ul>{links}</ul>"),
         section("Likeness", f'<pre class="card">{escape(table.text())}</pre>'),
     ]
@@ -46,7 +46,8 @@ def write_gallery(
     return folder / REPORT
 
 
-def _row(pictures: Mapping[str, Path]) -> str:
+def picture_row(pictures: Mapping[str, Path]) -> str:
+    """Pictures side by side as HTML, by caption."""
     figures = "".join(
         f'<figure><img src="{embedded(read_image(path), SIDE)}" alt="{escape(caption)}">'
         f"<figcaption>{escape(caption)}</figcaption></figure>"

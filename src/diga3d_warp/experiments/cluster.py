@@ -45,9 +45,7 @@ class RayCrew:
     threads: int = 1
     gpus: float = 0.0
 
-    def __call__(
-        self, folders: Sequence[JobFolder], work: Work, tick: Callable[[], None]
-    ) -> Iterator[Ended]:
+    def __call__(self, folders: Sequence[JobFolder], work: Work, tick: Callable[[], None]) -> Iterator[Ended]:
         """Work on jobs; see `run.Crew`.
 
         Raises:
@@ -107,8 +105,8 @@ class RayCrew:
         if not fits:
             most = {kind: max((m.get(kind, 0) for m in machines), default=0) for kind in ("CPU", "GPU")}
             raise InputError(
-                f"a job asks for {self.threads} cores and {self.gpus:g} GPUs, but no machine of the cluster has "
-                f"more than {most['CPU']:g} cores and {most['GPU']:g} GPUs: lower --cores or --gpus"
+                f"a job asks for {self.threads} cores and {self.gpus:g} GPUs, but no machine of the cluster "
+                f"has more than {most['CPU']:g} cores and {most['GPU']:g} GPUs: lower --cores or --gpus"
             )
 
 
@@ -141,8 +139,8 @@ def _check_reachable(address: str) -> None:
             pass
     except OSError as error:
         raise InputError(
-            f"no cluster answers at {address} ({error.strerror or error}): start it with `ray start --head`, or "
-            "leave --address out to run on this machine"
+            f"no cluster answers at {address} ({error.strerror or error}): start it with `ray start --head`, "
+            "or leave --address out to run on this machine"
         ) from error
 
 

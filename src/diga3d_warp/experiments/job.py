@@ -113,7 +113,9 @@ class Job:
         described = json.dumps(asdict(self), sort_keys=True).encode()
         words = " ".join([self.scene_name, self.command, str(self.options.get("prompt") or "")])
         readable = re.sub(r"[^\w.]+", "-", words, flags=re.ASCII).strip("-.").lower()
-        return f"{readable[:NAME_LENGTH].rstrip('-.')}-{hashlib.blake2b(described, digest_size=5).hexdigest()}"
+        return (
+            f"{readable[:NAME_LENGTH].rstrip('-.')}-{hashlib.blake2b(described, digest_size=5).hexdigest()}"
+        )
 
 
 class JobFolder:

@@ -46,9 +46,7 @@ class LocalCrew:
     threads: int = 1
     gpus: int = 0
 
-    def __call__(
-        self, folders: Sequence[JobFolder], work: Work, tick: Callable[[], None]
-    ) -> Iterator[Ended]:
+    def __call__(self, folders: Sequence[JobFolder], work: Work, tick: Callable[[], None]) -> Iterator[Ended]:
         """Work on jobs; see `run.Crew`."""
         waiting = deque((folder, 1) for folder in folders)
         running: list[_Running] = []
@@ -84,7 +82,9 @@ class LocalCrew:
 
 def _worker(path: str, work: Work, threads: int, gpu: int | None) -> None:
     """Main function of a worker."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to the driver, too, which ends this one
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # a terminal sends it to the driver, too, which ends this one
     threading.Thread(target=_end_with_driver, daemon=True).start()
     tune_process()
     os.environ["OMP_NUM_THREADS"] = str(threads)

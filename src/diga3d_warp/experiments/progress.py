@@ -38,9 +38,7 @@ class View:
         earlier = self._total - len(self._left)
         _say(f"{self._total} jobs" + (f", {earlier} of them done earlier" if earlier else ""))
         if sys.stderr.isatty():
-            self._bar = tqdm(
-                total=self._total, initial=earlier, unit="job", dynamic_ncols=True, desc="jobs"
-            )
+            self._bar = tqdm(total=self._total, initial=earlier, unit="job", dynamic_ncols=True, desc="jobs")
         return self
 
     def __exit__(

@@ -124,6 +124,6 @@ def _note_versions(outcomes: Mapping[str, Outcome], version: str) -> None:
         from diga3d_warp.pipelines.run import say
 
         say(
-            f"note: {other} of {len(outcomes)} jobs were done by another version of this program: delete their "
-            "folders to do them again"
+            f"note: {other} of {len(outcomes)} jobs were done by another version of this program: delete "
+            "their folders to do them again"
         )

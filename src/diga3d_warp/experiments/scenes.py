@@ -25,9 +25,8 @@ def find_scenes(data: Path, names: Sequence[str] = ()) -> list[Path]:
     if not data.is_dir():
         raise InputError(f"{data} is not a folder: give the one that holds the scenes")
     data = data.resolve()
-    if has_poses(data):
-        found = [data]
-    else:
+    found = [data]
+    if not has_poses(data):
         found = sorted(scene_folders(data), key=lambda path: _counted(path.name))
     if not found:
         raise InputError(f"{data} holds no folders of scenes: give the one that holds them")

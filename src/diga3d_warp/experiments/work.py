@@ -69,10 +69,8 @@ def carry_out(folder: JobFolder, threads: int) -> Outcome:
     job = folder.job
     reading = {"image_scale", "masks", "mask_ids", "hold_out"}
     options = {name: value for name, value in job.options.items() if name not in reading}
-    scene = load_scene(
-        job.scene,
-        **{name: value for name, value in job.options.items() if name in reading} | _scale(job),
-    )
+    read = {name: value for name, value in job.options.items() if name in reading}
+    scene = load_scene(job.scene, **{**read, **_scale(job)})
     pipeline(job.command)(scene, out=folder.run, resume=True, **options)
     figures, missing, protocol = _measured(folder, scene)
     first = scene.views[0].camera

@@ -1,4 +1,4 @@
-"""Image sizes of a capture without reading its photographs: those there are, and that of published figures."""
+"""Image sizes of a capture, without reading its photographs: the largest, and that of published figures."""
 
 from __future__ import annotations
 
