@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import platform
-import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -166,9 +165,15 @@ def _hold(path: Path) -> FileLock | None:
 
 @contextmanager
 def _logged(path: Path) -> Iterator[None]:
-    """Append what is printed to a file."""
+    """Append what is printed to a file, by libraries in compiled code, too."""
     with path.open("a", encoding="utf-8", errors="backslashreplace") as log:
-        with redirect_stdout(log), redirect_stderr(log):
-            yield
-        with suppress(OSError):
-            sys.stdout.flush()
+        kept = {number: os.dup(number) for number in (1, 2)}
+        try:
+            for number in kept:
+                os.dup2(log.fileno(), number)
+            with redirect_stdout(log), redirect_stderr(log):
+                yield
+        finally:
+            for number, copy in kept.items():
+                os.dup2(copy, number)
+                os.close(copy)
