@@ -160,6 +160,7 @@ def _run(
     ray: bool | None,
 ) -> int:
     from diga3d_warp.experiments.options import check_jobs
+    from diga3d_warp.experiments.remeasure import has_more_weights
     from diga3d_warp.experiments.results import write_results
     from diga3d_warp.experiments.run import run_jobs
 
@@ -167,7 +168,7 @@ def _run(
     crew = _crew(workers, cores, gpus, address, ray)
     if address is None:  # machines of a cluster may have what this one lacks
         check_jobs(jobs)
-    outcomes = run_jobs(jobs, out, crew)
+    outcomes = run_jobs(jobs, out, crew, outdated=has_more_weights)
     written = write_results(out, sheets, outcomes)
     for sheet in sheets:
         print(sheet.main(outcomes).text())

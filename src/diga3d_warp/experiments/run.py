@@ -44,7 +44,13 @@ Crew = Callable[[Sequence[JobFolder], Work, Callable[[], None]], Iterator[Ended]
 each job that has ended, in any order."""
 
 
-def run_jobs(jobs: Sequence[Job], out: Path, crew: Crew, work: Work = carry_out) -> dict[str, Outcome]:
+def run_jobs(
+    jobs: Sequence[Job],
+    out: Path,
+    crew: Crew,
+    work: Work = carry_out,
+    outdated: Callable[[Job, Outcome], bool] = lambda job, outcome: False,
+) -> dict[str, Outcome]:
     """Run jobs until each has an outcome.
 
     Args:
@@ -52,6 +58,7 @@ def run_jobs(jobs: Sequence[Job], out: Path, crew: Crew, work: Work = carry_out)
         out: Folder of all jobs; what it holds of them is used.
         crew: Where they run.
         work: What a worker does.
+        outdated: Whether a finished job is to be measured again; its run stays.
 
     Returns:
         The outcome of each job by its name.
@@ -67,7 +74,7 @@ def run_jobs(jobs: Sequence[Job], out: Path, crew: Crew, work: Work = carry_out)
         waiting = []
         for folder in folders:
             before = folder.outcome
-            if before is None or before["error"] is not None:
+            if before is None or before["error"] is not None or outdated(folder.job, before):
                 folder.describe()
                 folder.reopen()
                 waiting.append(folder)

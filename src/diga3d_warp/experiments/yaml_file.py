@@ -26,9 +26,11 @@ class _Loader(yaml.SafeLoader):
 def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
     seen = set()
     for key, _ in node.value:
+        if not isinstance(key, yaml.ScalarNode):
+            raise yaml.constructor.ConstructorError(None, None, "a key is no word", key.start_mark)
         if key.value in seen:
             raise yaml.constructor.ConstructorError(None, None, f"{key.value} stands twice", key.start_mark)
-        seen.add(key.value if isinstance(key.value, str) else None)
+        seen.add(key.value)
     return {str(key): value for key, value in loader.construct_mapping(node, deep=True).items()}
 
 
