@@ -14,6 +14,7 @@ from diga3d_warp.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from diga3d_warp.experiments.job import Job
     from diga3d_warp.experiments.run import Crew
     from diga3d_warp.experiments.sheet import Sheet
 
@@ -96,7 +97,7 @@ def _add_machines(command: argparse.ArgumentParser) -> None:
         "--gpus",
         type=non_negative,
         metavar="G",
-        help="GPUs of a job, such as 0.5 for two on each (default 1 where there are some)",
+        help="GPUs of a job, such as 0.5 for two on each (default 1 with a network as prior)",
     )
     machines.add_argument(
         "--address",
@@ -165,6 +166,8 @@ def _run(
     from diga3d_warp.experiments.run import run_jobs
 
     jobs = [job for sheet in sheets for job in sheet.jobs]
+    if gpus is None:
+        gpus = _gpus_of(jobs, address)
     crew = _crew(workers, cores, gpus, address, ray)
     if address is None:  # machines of a cluster may have what this one lacks
         check_jobs(jobs)
@@ -178,9 +181,16 @@ def _run(
     return 1 if failed else 0
 
 
-def _crew(
-    workers: int | None, cores: int | None, gpus: float | None, address: str | None, ray: bool | None
-) -> Crew:
+def _gpus_of(jobs: Sequence[Job], address: str | None) -> float:
+    """GPUs of a job if the user does not say: one for a network, where there may be one."""
+    from diga3d_warp.checkpoints import best_device
+    from diga3d_warp.priors.named import reads_prompts
+
+    network = any(reads_prompts(str(job.options.get("prior", "exemplar"))) for job in jobs)
+    return 1.0 if network and (address is not None or best_device("auto") == "cuda") else 0.0
+
+
+def _crew(workers: int | None, cores: int | None, gpus: float, address: str | None, ray: bool | None) -> Crew:
     """Where jobs run.
 
     Raises:
@@ -190,7 +200,6 @@ def _crew(
         raise InputError("--address is a cluster of Ray's: leave --no-ray out")
     if address is not None and workers is not None:
         raise InputError("--workers is of this machine, and a cluster runs as many jobs as fit: use --cores")
-    from diga3d_warp.checkpoints import best_device
     from diga3d_warp.experiments.cluster import RayCrew, require_ray
     from diga3d_warp.pipelines.machine import core_count
 
@@ -198,16 +207,15 @@ def _crew(
     threads = cores or max(core_count() // count, 1)
     if ray or address is not None:
         require_ray()
-    there = best_device("auto") == "cuda"
     if ray is False or (ray is None and address is None and find_spec("ray") is None):
         from diga3d_warp.experiments.processes import LocalCrew
 
-        if gpus not in (None, 0.0, 1.0):
+        if gpus not in (0.0, 1.0):
             raise InputError(
                 "without Ray each job sees one GPU, whatever --gpus says: leave it out, or use --ray"
             )
-        return LocalCrew(count, threads, _gpu_count() if there and gpus != 0.0 else 0)
-    return RayCrew(address, count, threads, (1.0 if there else 0.0) if gpus is None else gpus)
+        return LocalCrew(count, threads, _gpu_count() if gpus else 0)
+    return RayCrew(address, count, threads, gpus)
 
 
 def _gpu_count() -> int:
