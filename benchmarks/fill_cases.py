@@ -48,6 +48,16 @@ FILL_CASES = (
         ("SurfaceSettings.tolerance", "SurfaceSettings.apart"),
     ),
     HardCase(
+        "Charts: a surface on which other things stand, as books on a shelf",
+        "It ends at the line of their feet, where they hide it from all photographs.",
+        (
+            condition("surfaces/occupancy.py", "covered is not None and (covered & ~wanted).any()",
+                FOUND + "test_a_surface_ends_where_what_stands_on_it_hides_it_from_all_photographs"),
+            Guard("surfaces/votes.py", "~self.told & (self.before > 0)", "~self.told",
+                "surfaces/test_votes.py::test_what_nobody_looks_at_is_not_covered"),
+        ),
+    ),
+    HardCase(
         "Charts: few texels, or very many",
         "Specks have no chart; a small chart takes finer texels than its photographs have, and a large one "
         "coarser ones.",

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from diga3d_warp.priors.classical import ClassicalPrior
+from diga3d_warp.splatting.placement import unprojected
 from diga3d_warp.surfaces.chart import Chart
 from diga3d_warp.surfaces.compose import compose
 from diga3d_warp.surfaces.fill import fill_chart
@@ -101,6 +102,26 @@ def test_a_straight_edge_goes_on_behind_the_object():
         on_top = np.abs(whole.depth - photo(each.camera, hole=0.0).depth) < 1e-3
         wrong = (layer.alpha > 0.5) != on_top
         assert wrong[each.unseen].mean() < 0.03
+
+
+def before_a_wall(each: Photo) -> Photo:
+    """A photograph of a ball in front of a wall that stands on the plane at y = 0.3."""
+    at_one = unprojected(np.ones(each.shape), each.camera) - each.camera.center
+    front = (0.3 - each.camera.center[1]) / at_one[..., 1]
+    ground = np.where(each.depth > 0.0, each.depth, 2.0 * front)
+    depth = np.where((at_one[..., 1] > 0.0) & (front < ground), front, each.depth)
+    along = at_one / np.linalg.norm(at_one, axis=-1, keepdims=True)
+    unseen = np.linalg.norm(np.cross(np.array([0.0, -0.2, 0.3]) - each.camera.center, along), axis=-1) < 0.3
+    return replace(each, depth=depth.astype(np.float32), known=~unseen, unseen=unseen)
+
+
+def test_a_surface_ends_where_what_stands_on_it_hides_it_from_all_photographs():
+    """The hole reaches behind the wall's foot, and the wall has no chart that would hide the table."""
+    seen = [before_a_wall(each) for each in photos()]
+    (ground,) = find_charts(seen, NO_POINTS, settings=replace(SURFACES, planes=1))
+    y = ground.frame.points[..., 1]
+    assert ground.wanted[y < 0.25].sum() > 150
+    assert not ground.wanted[y > 0.45].any()
 
 
 def test_the_nearer_surface_is_in_front():

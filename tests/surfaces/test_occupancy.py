@@ -54,6 +54,24 @@ def test_the_corner_of_an_opening_goes_on():
     assert (found == surface)[HOLE].mean() > 0.95
 
 
+@pytest.mark.parametrize("slope", [0.0, 0.4])
+def test_a_surface_ends_at_the_feet_of_what_stands_on_it(slope):
+    """Books hide the board behind their fronts from all photographs; the hole reaches behind these."""
+    board = PLACES[0] > 24 + slope * (PLACES[1] - 40)
+    known, covered = split(board, HOLE)
+    nothing = np.zeros_like(HOLE)
+    found = occupancy(known, nothing, HOLE, 0, covered=covered).solid
+    assert (found == board)[HOLE].mean() > 0.95
+    assert occupancy(known, nothing, HOLE, 0).solid[HOLE].all()
+
+
+def test_a_surface_goes_on_past_a_thing_that_hides_some_of_it():
+    hidden = np.hypot(PLACES[0] - 20, PLACES[1] - 14) < 9
+    nothing = np.zeros_like(HOLE)
+    found = occupancy(~HOLE & ~hidden, nothing, HOLE, 0, covered=hidden).solid
+    assert found[HOLE].all()
+
+
 @pytest.mark.parametrize("flat", [1.0, 0.6])
 def test_the_rim_of_a_round_table_goes_on(flat):
     """Its back is hidden all along the hole: what is seen of its rim tells where it ends."""

@@ -37,3 +37,27 @@ def test_a_spot_of_wrong_depth_on_an_agreed_plane_stays_known():
     for agreed in (True, False):
         polled = poll(seen, replace(frame, agreed=agreed))
         assert polled.occupied[there].mean() > 0.9 if agreed else polled.through[there].mean() > 0.9
+
+
+def test_what_stands_in_front_of_a_surface_for_all_photographs_covers_it():
+    """A wall on the table at y = 0.6: seen from the front, it hides all of the table behind."""
+    seen = []
+    for each in photos():
+        at_one = unprojected(np.ones(each.shape), each.camera) - each.camera.center
+        wall = (0.6 - each.camera.center[1]) / at_one[..., 1]
+        nearer = (wall > 0.0) & (wall < np.where(each.depth > 0.0, each.depth, np.inf))
+        seen.append(replace(each, depth=np.where(nearer, wall, each.depth).astype(np.float32)))
+    corners = np.array([[-0.9, -0.9, 0.0], [0.9, 1.2, 0.0], [0.9, -0.9, 0.0], [-0.9, 1.2, 0.0]])
+    frame = frame_on(Plane(np.array([0.0, 0.0, 1.0]), 0.0, corners), seen[0].camera)
+    polled, y = poll(seen, frame), frame.points[..., 1]
+    assert polled.covered[y > 0.75].mean() > 0.9
+    assert not polled.covered[y < 0.55].any()
+    assert not (polled.covered & (polled.occupied | polled.through)).any()
+
+
+def test_what_nobody_looks_at_is_not_covered():
+    corners = np.array([[-9.0, -9.0, 0.0], [9.0, 9.0, 0.0], [9.0, -9.0, 0.0], [-9.0, 9.0, 0.0]])
+    seen = photos()
+    assert not poll(
+        seen, frame_on(Plane(np.array([0.0, 0.0, 1.0]), 0.0, corners), seen[0].camera)
+    ).covered.any()

@@ -122,6 +122,7 @@ class Chart:
             fill decides, and before it is zero.
         trusted: Whether it may be shown in the hole; otherwise it only hides what is behind it.
         deep: Whether the splat's depth is right on it. On a glossy floor it is not, and photographs tell.
+        covered: Where photographs show only things in front of it, shape (H, W), bool; None in a saved one.
     """
 
     frame: Frame
@@ -132,6 +133,7 @@ class Chart:
     alpha: np.ndarray
     trusted: bool = True
     deep: bool = True
+    covered: np.ndarray | None = None
 
     def filled(self, image: np.ndarray, alpha: np.ndarray) -> Chart:
         """The chart with other colours and occupancy where they were not known."""

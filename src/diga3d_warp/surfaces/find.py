@@ -44,7 +44,15 @@ def find_charts(
     planes = agreed_planes(planes, guesses, photos, seed, settings)
     charts = [textured(photos, frame, settings) for frame in lay_out(planes, photos, seed, settings)]
     states = [
-        occupancy(chart.known, chart.through, chart.wanted, seed, settings.trusted, chart.frame.agreed)
+        occupancy(
+            chart.known,
+            chart.through,
+            chart.wanted,
+            seed,
+            settings.trusted,
+            chart.frame.agreed,
+            chart.covered,
+        )
         for chart in charts
     ]
     surfaces = [(chart.frame, state.solid) for chart, state in zip(charts, states, strict=True)]

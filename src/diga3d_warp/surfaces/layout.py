@@ -68,7 +68,7 @@ def _candidate(
     if not known.any():
         return None
     wanted = polled.unseen & ~known & ~through
-    solid = occupancy(known, through, wanted, seed, settings.trusted, frame.agreed).solid
+    solid = occupancy(known, through, wanted, seed, settings.trusted, frame.agreed, polled.covered).solid
     return Candidate(frame, solid, polled.finest)
 
 

@@ -22,6 +22,7 @@ class Look:
         z: Depth of the positions [scene units].
         agrees: Where the photograph's depth is theirs, bool.
         behind: Where its depth lies clearly behind them, bool.
+        before: Where its depth lies before them, bool.
         unseen: Where it looks into what nobody saw, bool.
         clear: Where it shows its own colours of something, bool.
     """
@@ -31,6 +32,7 @@ class Look:
     z: np.ndarray
     agrees: np.ndarray
     behind: np.ndarray
+    before: np.ndarray
     unseen: np.ndarray
     clear: np.ndarray
 
@@ -65,9 +67,10 @@ def look(
         agree = np.full(z.shape, settings.agree)
         if normal is not None:
             agree = tolerance(points - photo.camera.center, normal, settings)
-        agrees, behind = np.abs(off) <= agree, off > settings.through / settings.agree * agree
+        agrees, before = np.abs(off) <= agree, off < -agree
+        behind = off > settings.through / settings.agree * agree
     return Look(
-        column.astype(np.float32), row.astype(np.float32), z, agrees, behind,
+        column.astype(np.float32), row.astype(np.float32), z, agrees, behind, before,
         inside & photo.unseen[r, c], inside & photo.clear[r, c],
     )  # fmt: skip
 

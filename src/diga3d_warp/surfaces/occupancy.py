@@ -2,7 +2,8 @@
 
 A table's edge, a step, a wall's end: where the boundary between a surface and what photographs see through
 beside it lies on one or two lines, these go on behind the object. So does that of a round table or a plinth,
-which is an ellipse. Any other boundary goes on smoothly.
+which is an ellipse. Where other things stand on it side by side, as books on a shelf, it ends at the line of
+their feet. Any other boundary goes on smoothly.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class Occupancy(NamedTuple):
 
 def occupancy(
     known: np.ndarray, through: np.ndarray, wanted: np.ndarray, seed: int, trusted: float = 0.0,
-    agreed: bool = False,
+    agreed: bool = False, covered: np.ndarray | None = None,
 ) -> Occupancy:  # fmt: skip
     """Occupancy of a chart with its unknown part decided.
 
@@ -43,12 +44,17 @@ def occupancy(
         trusted: Least share of surface in what is told around the unknown, and around each part of it [1],
             where no lines explain it. With less it is left alone.
         agreed: Whether photographs agree on the surface: it is there, and only its parts are judged.
+        covered: Where photographs show nothing but things in front of it, shape (H, W), bool.
 
     Returns:
         `known`, and where the rest is taken for surface. Nothing is without a known part.
     """
     if not known.any():
         return Occupancy(known.copy(), False)
+    if covered is not None and (covered & ~wanted).any():
+        found = _by_lines(known, through | (covered & ~wanted), wanted, seed)
+        if found is not None:
+            return Occupancy(known | (found & ~through), True)
     if not through.any():
         return Occupancy(~through, True)
     through = through & ~_specks(known, through, wanted)

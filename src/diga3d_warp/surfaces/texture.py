@@ -35,7 +35,8 @@ def textured(photos: Sequence[Photo], frame: Frame, settings: SurfaceSettings = 
     known = polled.occupied & shown
     image = np.where(known[..., None], image, 0.0).astype(np.float32)
     wanted = polled.unseen & ~known & ~polled.through
-    return Chart(frame, image, known, polled.through, wanted, known.astype(np.float32), deep=polled.deep)
+    alpha = known.astype(np.float32)
+    return Chart(frame, image, known, polled.through, wanted, alpha, deep=polled.deep, covered=polled.covered)
 
 
 def blended(

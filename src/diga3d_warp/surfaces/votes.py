@@ -31,17 +31,24 @@ class Votes:
     def __init__(self, shape: tuple[int, ...], settings: SurfaceSettings) -> None:
         self.there = np.zeros(shape, np.int32)
         self.behind = np.zeros(shape, np.int32)
+        self.before = np.zeros(shape, np.int32)
         self.settings = settings
 
     def add(self, view: Look, speaks: np.ndarray | bool = True) -> None:
         """Count one photograph, where it speaks."""
         self.there += view.agrees & speaks
         self.behind += view.behind & speaks
+        self.before += view.before & speaks
 
     @property
     def told(self) -> np.ndarray:
         """Where any photograph says something, bool."""
         return (self.there + self.behind) > 0
+
+    @property
+    def covered(self) -> np.ndarray:
+        """Where photographs show nothing but things in front, bool."""
+        return ~self.told & (self.before > 0)
 
     @property
     def through(self) -> np.ndarray:
@@ -74,6 +81,7 @@ class Polled:
     Attributes:
         occupied: Where the surface is, shape (H, W), bool.
         through: Where they show what is behind it, shape (H, W), bool; apart from `occupied`.
+        covered: Where they show nothing but things in front of it, shape (H, W), bool.
         unseen: Where some look into what nobody saw, shape (H, W), bool.
         finest: Pixels per texel of the photograph that sees it finest, shape (H, W), float32.
         worth: Median of that over what each photograph shows, shape (N,); zero for those that show nothing.
@@ -83,6 +91,7 @@ class Polled:
 
     occupied: np.ndarray
     through: np.ndarray
+    covered: np.ndarray
     unseen: np.ndarray
     finest: np.ndarray
     worth: np.ndarray
@@ -98,8 +107,8 @@ class Polled:
         if frame.size == self.occupied.shape:
             return self
         return Polled(
-            _grown(self.occupied, frame), _grown(self.through, frame), _grown(self.unseen, frame),
-            _grown(self.finest, frame), self.worth,
+            _grown(self.occupied, frame), _grown(self.through, frame), _grown(self.covered, frame),
+            _grown(self.unseen, frame), _grown(self.finest, frame), self.worth,
             None if self.brightness is None else _grown(self.brightness, frame),
         )  # fmt: skip
 
@@ -134,10 +143,10 @@ def poll(
         if shown.any():
             worth[number] = float(np.median(density[shown]))
     through = votes.through
-    occupied = votes.told & ~through
+    occupied, covered = votes.told & ~through, votes.covered
     compared = _compared(frame, points, photos, how) if frame.agreed else None
     if compared is None:
-        return Polled(occupied, through, unseen, finest.astype(np.float32), worth)
+        return Polled(occupied, through, covered, unseen, finest.astype(np.float32), worth)
     alike, brightness = compared.alike, compared.brightness
     with np.errstate(invalid="ignore"):
         agreed = alike >= how.alike_there
@@ -147,12 +156,13 @@ def poll(
         wrong = _spots(through, agreed)
         if rimmed(wrong, occupied | through, unseen & ~occupied & ~through):
             wrong = np.zeros_like(wrong)
-        return Polled(occupied | wrong, through & ~wrong, unseen, finest.astype(np.float32), worth)
+        return Polled(occupied | wrong, through & ~wrong, covered, unseen, finest.astype(np.float32), worth)
     differing |= _elsewhere(frame, photos, compared, how)
     occupied = np.isfinite(brightness) & ~differing
     return Polled(
-        occupied, through & differing, unseen, finest.astype(np.float32), worth, compared.brightness
-    )
+        occupied, through & differing, covered & ~occupied, unseen, finest.astype(np.float32), worth,
+        compared.brightness,
+    )  # fmt: skip
 
 
 def _elsewhere(frame: Frame, photos: Sequence[Photo], here: Agreement, how: AgreementSettings) -> np.ndarray:
