@@ -63,8 +63,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = vars(parser().parse_args(words))
     command: Callable[..., int] = options.pop("run")
     hint = ""
-    if "resume" in options:
-        again = shlex.join(["diga3d", *words, *([] if options["resume"] else ["--resume"])])
+    goes_on = options.pop("goes_on", False)
+    if goes_on or "resume" in options:
+        again = shlex.join(["diga3d", *words, *([] if goes_on or options["resume"] else ["--resume"])])
         hint = f"; go on with: {again}"
     stops: list[Stopped] = []
     try:

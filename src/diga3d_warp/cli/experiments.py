@@ -82,6 +82,7 @@ def add_experiments(commands: Commands) -> None:
 
 
 def _add_machines(command: argparse.ArgumentParser) -> None:
+    command.set_defaults(goes_on=True)
     command.add_argument("--out", type=path, required=True, metavar="DIR", help="folder of jobs and tables")
     machines = command.add_argument_group("machines")
     machines.add_argument(
@@ -130,7 +131,8 @@ def _experiment(
     **machines: Any,
 ) -> int:
     from diga3d_warp.experiments.paper import Experiment
-    from diga3d_warp.experiments.scenes import check_apart
+    from diga3d_warp.experiments.scenes import check_apart, packed_scenes
+    from diga3d_warp.pipelines.run import say
 
     options: dict[str, Any] = {"seed": seed, "accuracy": accuracy}
     options |= {} if iterations is None else {"iterations": iterations}
@@ -141,6 +143,8 @@ def _experiment(
         None if weights is None else str(weights.resolve()), edits, votes,
     )  # fmt: skip
     check_apart(machines["out"], data)
+    if packed := packed_scenes(data):
+        say(f"note: {data} holds archives, which are not read: unpack {', '.join(packed)} for their scenes")
     return _run(experiment.sheets(names), **machines)
 
 

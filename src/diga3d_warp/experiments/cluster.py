@@ -79,9 +79,15 @@ class RayCrew:
 
     def _connect(self) -> ModuleType:
         ray = require_ray()
+        os.environ.setdefault(
+            "RAY_task_oom_retries", str(ATTEMPTS - 1)
+        )  # Ray's own default is to never give up
         options: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
         if self.address is None:
             os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+            os.environ.setdefault(
+                "RAY_worker_niceness", "0"
+            )  # 15 else: jobs would stand back behind all else
             # The cores that `workers` jobs ask for: Ray starts as many at a time.
             options |= {"num_cpus": self.workers * self.threads, "object_store_memory": STORE_BYTES}
             options |= {"include_dashboard": False, "address": "local"}

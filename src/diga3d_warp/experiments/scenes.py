@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from diga3d_warp.errors import InputError
+from diga3d_warp.scene.layouts.recognise import ARCHIVES
 from diga3d_warp.scene.layouts.splat import has_poses
-from diga3d_warp.scene.photographs.folders import scene_folders
+from diga3d_warp.scene.photographs.folders import entries, image_folders, scene_folders
 
 
 def find_scenes(data: Path, names: Sequence[str] = ()) -> list[Path]:
@@ -26,7 +27,7 @@ def find_scenes(data: Path, names: Sequence[str] = ()) -> list[Path]:
         raise InputError(f"{data} is not a folder: give the one that holds the scenes")
     data = data.resolve()
     found = [data]
-    if not has_poses(data):
+    if not has_poses(data) and not image_folders(data):
         found = sorted(scene_folders(data), key=lambda path: _counted(path.name))
     if not found:
         raise InputError(f"{data} holds no folders of scenes: give the one that holds them")
@@ -37,6 +38,11 @@ def find_scenes(data: Path, names: Sequence[str] = ()) -> list[Path]:
     if unknown:
         raise InputError(f"{data} has no scene {unknown[0]!r}: it has {', '.join(by_name)}")
     return [by_name[name] for name in dict.fromkeys(names)]
+
+
+def packed_scenes(data: Path) -> list[str]:
+    """Names of archives in a data folder, which hold scenes perhaps, and are not read."""
+    return [path.name for path in entries(data) if path.suffix.lower() in ARCHIVES and path.is_file()]
 
 
 def check_apart(out: Path, data: Path) -> None:

@@ -49,7 +49,7 @@ _VIDEOS = (
     ".mpeg",
     ".3gp",
 )
-_ARCHIVES = (".zip", ".r3d", ".7z", ".rar", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".zst")
+ARCHIVES = (".zip", ".r3d", ".7z", ".rar", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".zst")
 _MODEL_FILES = ("cameras", "images", "points3D", "frames", "rigs")
 _LEVELS_UP = 3  # from colmap/sparse/0 to the scene
 
@@ -245,7 +245,7 @@ def _what_there_is(root: Path) -> str:
     if unread := unread_images(root):
         return f"{unread_line(unread)}; "
     for path in entries(root):
-        if path.suffix.lower() in _VIDEOS + _ARCHIVES:
+        if path.suffix.lower() in _VIDEOS + ARCHIVES:
             return f"{path.name} is {_what_else(path)}; "
     return ""
 
@@ -258,7 +258,7 @@ def _what_else(path: Path) -> str:
             "a video; extract photographs, for example with "
             f"`ffmpeg -i {path.name} -vf fps=2 images/%05d.jpg`, and give their folder"
         )
-    if suffix in _ARCHIVES:
+    if suffix in ARCHIVES:
         return "an archive; unpack it and give its folder"
     if suffix in IMAGE_SUFFIXES or suffix in UNREAD_IMAGES:
         return "one image; give the folder of a capture"
