@@ -18,6 +18,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from diga3d_warp.experiments.job import JOBS, JobFolder
 
@@ -30,9 +31,13 @@ DIFFERS = {
     "worker.json",
     "log.txt",
     "stage.json",
+    "plan.json",
     ".lock",
 }
-"""Files that hold seconds, memory, or the number of a process."""
+"""Files that hold seconds, memory, or the number of a process; plan.json has the measured cost of effects."""
+
+LONG = ("fit", "charts", "propagate", "refit", "distil")
+"""Stages in which a process is killed."""
 
 
 def main() -> int:
@@ -52,15 +57,14 @@ def main() -> int:
     began = time.monotonic()
     driver = run(options, data, rough)
     done = len(outcomes(calm))
-    wait_until(lambda: len(outcomes(rough)) >= 1 and any(busy(rough)), driver)
-    victim = next(folder for folder in busy(rough) if folder.stage)
-    print(f"killing the worker of {victim.path.name} in its stage {victim.stage}")
+    victim = wait_until(lambda: len(outcomes(rough)) >= 1 and at_work(rough), driver)[0]
+    print(f"killing the worker of {victim.path.name} in its stage {victim.stage}", flush=True)
     killed = victim.worker["process"]
     os.kill(killed, signal.SIGKILL)
     wait_until(lambda: victim.worker["process"] != killed, driver)
-    wait_until(lambda: len(outcomes(rough)) >= done // 2 and any(busy(rough)), driver)
+    wait_until(lambda: len(outcomes(rough)) >= done // 2 and at_work(rough), driver)
     stages = ", ".join(f"{folder.path.name} in {folder.stage}" for folder in busy(rough))
-    print(f"killing the driver after {len(outcomes(rough))} of {done} jobs; at work: {stages}")
+    print(f"killing the driver after {len(outcomes(rough))} of {done} jobs; at work: {stages}", flush=True)
     driver.send_signal(signal.SIGKILL)
     driver.wait()
     if run(options, data, rough).wait() != 0:
@@ -99,17 +103,23 @@ def outcomes(out: Path) -> list[Path]:
     return list((out / JOBS).glob("*/outcome.json"))
 
 
+def at_work(out: Path) -> list[JobFolder]:
+    """Jobs in a stage that takes a while."""
+    return [folder for folder in busy(out) if folder.stage in LONG]
+
+
 def busy(out: Path) -> list[JobFolder]:
     """Jobs that a process works on, in one of their stages."""
     folders = [JobFolder.open(path.parent) for path in (out / JOBS).glob("*/worker.json")]
     return [folder for folder in folders if folder.stage and not (folder.path / "outcome.json").exists()]
 
 
-def wait_until(happened: Callable[[], bool], driver: subprocess.Popen[bytes]) -> None:
-    while not happened():
+def wait_until(happened: Callable[[], Any], driver: subprocess.Popen[bytes]) -> Any:
+    while not (found := happened()):
         if driver.poll() is not None:
             raise SystemExit("the experiment ended before it could be killed: use larger images")
         time.sleep(0.1)
+    return found
 
 
 def compare(calm: Path, rough: Path) -> int:

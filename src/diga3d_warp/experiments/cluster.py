@@ -99,9 +99,10 @@ class RayCrew:
         except Exception as error:  # ConnectionError, RuntimeError, ValueError, by the kind of address
             where = "on this machine" if self.address is None else f"at {self.address}"
             reason = str(error).strip().splitlines() or [type(error).__name__]
-            raise InputError(
-                f"Ray cannot be used {where} ({reason[0]}): check `ray status` there, or leave --address out"
-            ) from error
+            remedy = "use --no-ray"
+            if self.address is not None:
+                remedy = "check `ray status` there; a cluster with tokens needs RAY_AUTH_MODE=token"
+            raise InputError(f"Ray cannot be used {where} ({reason[0]}): {remedy}") from error
         return ray
 
     def _check_resources(self, ray: ModuleType) -> None:

@@ -30,7 +30,7 @@ class View:
     def __init__(self, folders: Sequence[JobFolder], total: int) -> None:
         self._left = {folder.path.name: folder for folder in folders}
         self._total = total
-        self._started: set[str] = set()
+        self._started: dict[str, int] = {}
         self._failed = 0
         self._bar: tqdm | None = None
 
@@ -55,10 +55,11 @@ class View:
             if worker is None:
                 continue
             running.append(f"{name}: {folder.stage or 'reading'}")
-            if name not in self._started:
-                self._started.add(name)
-                if self._bar is None:
-                    _say(f"{name}: started, process {worker['process']} on {worker['host']}")
+            again = " again" if name in self._started else ""
+            if self._started.get(name) != worker["process"]:
+                self._started[name] = worker["process"]
+                if again or self._bar is None:
+                    self._line(f"{name}: started{again}, process {worker['process']} on {worker['host']}")
         if self._bar is not None:
             more = f" and {len(running) - SHOWN} more" if len(running) > SHOWN else ""
             failed = f"{self._failed} failed; " if self._failed else ""
@@ -69,13 +70,17 @@ class View:
         name = folder.path.name
         self._left.pop(name, None)
         self._failed += error is not None
-        if self._bar is None:
-            _say(f"{name}: {error or 'done'} ({self._total - len(self._left)} of {self._total})")
-            return
-        self._bar.update(1)
-        if error is not None:
+        if self._bar is not None:
+            self._bar.update(1)
+        if error is not None or self._bar is None:
+            self._line(f"{name}: {error or 'done'} ({self._total - len(self._left)} of {self._total})")
+
+    def _line(self, text: str) -> None:
+        """Write a line, above the bar if there is one."""
+        if self._bar is not None:
             self._bar.clear()
-            _say(f"{name}: {error}")
+        _say(text)
+        if self._bar is not None:
             self._bar.refresh()
 
 
