@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -77,7 +78,11 @@ def test_half_of_the_scenes_are_broken(in_process, scene, tmp_path, capsys):
     for name, line in {**lines, "unlit": "image"}.items():
         assert line in ours[name]["outcome"] and "fault of this program" not in ours[name]["outcome"]
         assert ours[name]["PSNR ↑"] == "failed"
-    assert (out / "pictures.html").read_text().count("data:image/jpeg") == 2
+    page = (out / "pictures.html").read_text()
+    captions = re.findall("<figcaption>(.*?)</figcaption>", page)
+    assert captions == ["before", "diga3d-warp, exemplar", "ground truth"]
+    (report,) = re.findall('href="(jobs/.*?)"', page)
+    assert (out / report).is_file()
 
     # The same command tries the broken ones again, and leaves alone what is done.
     finished = next((out / JOBS).glob("1-*/outcome.json"))
