@@ -13,6 +13,9 @@ from diga3d_warp.experiments.job import Command, Job
 from diga3d_warp.experiments.options import checked_options, in_scene
 from diga3d_warp.experiments.yaml_file import read_yaml
 
+WHAT = {"retexture": ("prompt", "exemplar"), "replace": ("prompt", "asset", "fill")}
+"""Options one of which says what the object becomes."""
+
 GRID = {"prompts": "prompt", "priors": "prior", "seeds": "seed"}
 """Lists of a plan, and the option that each varies."""
 
@@ -114,8 +117,10 @@ def read_plan(path: Path) -> Plan:
     options = checked_options(path, command, data.get("options", {}))
     if shared["size"] and "image_scale" in {**options, **grid}:
         raise InputError(f"{path}: image_scale and published_size exclude each other: leave one out")
-    if command in ("fit", "remove") and data.get("edit_prompt") and command == "fit":
-        raise InputError(f"{path}: a fit has no edit: leave out edit_prompt")
+    if command == "fit" and ("source_prompt" in data or "edit_prompt" in data):
+        raise InputError(f"{path}: a fit has no edit: leave out source_prompt and edit_prompt")
+    if command in WHAT and not any({**options, **grid}.get(name) for name in WHAT[command]):
+        raise InputError(f"{path}: a {command} needs {' or '.join(WHAT[command])}: give one")
     return Plan(command, _scenes(path, data["scenes"]), grid, options, shared)
 
 

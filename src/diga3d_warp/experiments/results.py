@@ -59,9 +59,8 @@ def _markdown(sheet: Sheet, outcomes: Mapping[str, Outcome]) -> str:
 
 def _escaped(table: Table) -> Table:
     """A table whose cells break no row of Markdown."""
-    return Table(
-        table.title, table.columns, [[cell.replace("|", "\\|") for cell in row] for row in table.rows]
-    )
+    rows = [[" ".join(cell.split()).replace("|", "\\|") for cell in row] for row in table.rows]
+    return Table(table.title, table.columns, rows)
 
 
 def _csv(sheet: Sheet, outcomes: Mapping[str, Outcome]) -> str:
