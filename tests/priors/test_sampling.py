@@ -166,3 +166,42 @@ def test_the_plan_counts_what_sampling_does():
     assert plan.bank_bytes == max(size for *_, size in prior.calls[probes:])
     assert plan.host_bytes == sum(x.nbytes for x in (views.start, views.cond.latent, views.cond.mask))
     assert "7 views, 2 of them references, 6 steps: 84 noise estimates" in str(plan)
+
+
+class Replicas(GaussianPrior):
+    """The prior on three devices, which here are one."""
+
+    def __init__(self, **options):
+        super().__init__(**options)
+        self.replicas = [GaussianPrior(**options) for _ in range(2)]
+
+
+@pytest.mark.parametrize("references", [[], [4, 1, 2]])
+def test_several_devices_share_the_views(references, device):
+    """The same latents as one device gives; each timestep's references are read by all, written by one."""
+    guidance = Guidance(Prompts(0.4, -0.2), scale=3.0)
+    settings = SamplingSettings(steps=4, batch=1)
+    views = views_of(12)
+    one, three = GaussianPrior(attention=0.3, device=device), Replicas(attention=0.3, device=device)
+    alone = sample_views(one, views, guidance, settings, references=references)
+    shared = sample_views(three, views, guidance, settings, references=references)
+    assert torch.equal(shared, alone)
+    team = [three, *three.replicas]
+    assert sum(len(member.calls) for member in team) == len(one.calls) == 4 * 12 * 2
+    if references:
+        assert all(kept > 0 for member in three.replicas for _, _, _, kept in member.calls)
+    assert all(member.bank is None for member in team)
+
+
+def test_an_error_on_one_device_ends_the_sampling():
+    prior = Replicas(attention=0.3)
+
+    def fail(*_, **__):
+        raise RuntimeError("CUDA out of memory")
+
+    prior.replicas[1].predict_noise = fail
+    prior.predict_noise = prior.replicas[0].predict_noise = lambda z, *_, **__: torch.zeros_like(z)
+    with pytest.raises(RuntimeError, match="out of memory"):
+        for _ in range(50):  # the failing one may come too late for any view
+            sample_views(prior, views_of(40), PLAIN, SamplingSettings(steps=4, batch=1))
+    assert all(member.bank is None for member in [prior, *prior.replicas])

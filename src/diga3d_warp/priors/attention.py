@@ -45,6 +45,10 @@ class KeysValues:
         """Memory of keys and values [bytes]."""
         return self.key.nbytes + self.value.nbytes
 
+    def to(self, device: torch.device) -> KeysValues:
+        """The same on a device; they themselves if they are there."""
+        return KeysValues(self.key.to(device), self.value.to(device))
+
     @staticmethod
     def joined(parts: Sequence[KeysValues]) -> KeysValues:
         """Those of several references as if they were one with more tokens."""
@@ -127,6 +131,11 @@ class AttentionBank:
         for reference in references:
             propagated = propagated + attention(reference)
         return torch.lerp(own, propagated / len(references), self.weight)
+
+    def copy(self, other: AttentionBank, device: torch.device) -> None:
+        """Hold what another bank holds, on a device, to read it there; of networks only."""
+        kept: dict[Hashable, list[Any]] = dict(other._kept)
+        self._kept = {layer: [each.to(device) for each in features] for layer, features in kept.items()}
 
     def clear(self) -> None:
         """Forget all references: the next timestep has its own."""

@@ -167,6 +167,16 @@ class DiffusionPrior(Prior, Protocol):
         ...
 
 
+@runtime_checkable
+class Replicated(Protocol):
+    """A prior that is on several devices."""
+
+    @property
+    def replicas(self) -> Sequence[DiffusionPrior]:
+        """The same prior on each further device."""
+        ...
+
+
 def check_shapes(image: torch.Tensor, mask: torch.Tensor) -> None:
     """Refuse an image and a mask that are not of one size.
 

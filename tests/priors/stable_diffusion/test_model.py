@@ -153,3 +153,28 @@ def test_a_bank_goes_well_with_an_ip_adapter(checkpoints, photo, holes):
     torch.testing.assert_close(estimate(prior, photo, holes, image_embeds=embedding), plain)
     prior.install_attention(None)
     torch.testing.assert_close(estimate(prior, photo, holes, image_embeds=embedding), plain)
+
+
+def test_a_replica_has_networks_of_its_own(prior, photo, holes):
+    """It estimates the same noise, and attention that is installed in one is not in the other."""
+    assert list(prior.replicas) == []
+    other = prior.on(torch.device("cpu"))
+    first, bank = estimate(prior, photo, holes), AttentionBank()
+    assert torch.equal(first, estimate(other, photo, holes))
+    assert other.networks.unet is not prior.networks.unet and list(other.replicas) == []
+    other.install_attention(bank)
+    with bank.writing():
+        estimate(prior, photo, holes)
+        assert bank.size == 0
+        estimate(other, photo, holes)
+    assert bank.size > 0
+
+
+@pytest.mark.parametrize(
+    ("device", "count", "found"), [("cuda", 3, [1, 2]), ("cuda:1", 3, []), ("cpu", 3, [])]
+)
+def test_replicas_are_on_the_further_gpus(prior, monkeypatch, device, count, found):
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: count)
+    prior.device = torch.device(device)
+    prior.__dict__.pop("replicas", None)
+    assert [each.device.index for each in prior.replicas] == found

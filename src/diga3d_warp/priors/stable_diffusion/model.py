@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
@@ -131,6 +132,20 @@ class StableDiffusionPrior:
         if networks.images is not None:
             networks.images.model.to(self.device)
         return networks
+
+    @cached_property
+    def replicas(self) -> Sequence[StableDiffusionPrior]:
+        """The same prior on every further GPU that this process sees; its networks are opened when used."""
+        if self.device != torch.device("cuda"):  # a GPU that was named is the only one wanted
+            return ()
+        return [self.on(torch.device("cuda", index)) for index in range(1, torch.cuda.device_count())]
+
+    def on(self, device: torch.device) -> StableDiffusionPrior:
+        """The same prior with networks of its own on another device; it has no replicas."""
+        other = copy(self)
+        other.__dict__.pop("networks", None)
+        other.device, other.replicas, other._own_processors = device, (), None
+        return other
 
     @cached_property
     def cell(self) -> int:
