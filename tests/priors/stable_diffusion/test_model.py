@@ -9,6 +9,7 @@ from diga3d_warp.priors.conditioning import Control, Guidance
 from diga3d_warp.priors.distillation import distillation_loss
 from diga3d_warp.priors.settings import SamplingSettings
 from diga3d_warp.priors.stable_diffusion.load import load_stable_diffusion
+from diga3d_warp.priors.views import inpaint_views
 
 
 def load(checkpoints, device):
@@ -178,3 +179,18 @@ def test_replicas_are_on_the_further_gpus(prior, monkeypatch, device, count, fou
     prior.device = torch.device(device)
     prior.__dict__.pop("replicas", None)
     assert [each.device.index for each in prior.replicas] == found
+
+
+def test_replicas_sample_the_same_views(device_prior, photo, holes):
+    """With float16 on a GPU, too: a mini-batch is computed alike, whoever takes it."""
+
+    def sampled():
+        images, masks = [photo[k % 2] for k in range(6)], [holes[k % 2] for k in range(6)]
+        settings = SamplingSettings(steps=3, batch=1)
+        guidance = device_prior.guidance
+        return list(inpaint_views(device_prior, images, masks, guidance, settings, references=[0, 1]))
+
+    alone = sampled()
+    device_prior.replicas = [device_prior.on(device_prior.device) for _ in range(2)]
+    assert all(torch.equal(*pair) for pair in zip(alone, sampled(), strict=True))
+    assert float((alone[2] - photo[0]).abs().max()) > 0.05
