@@ -9,6 +9,7 @@ from __future__ import annotations
 import cases_cameras  # noqa: F401
 import cases_data_sets  # noqa: F401
 import cases_edits  # noqa: F401
+import cases_experiments  # noqa: F401
 import cases_files  # noqa: F401
 import cases_fills  # noqa: F401
 import cases_formats  # noqa: F401

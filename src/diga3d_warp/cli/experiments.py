@@ -204,13 +204,11 @@ def _crew(workers: int | None, cores: int | None, gpus: float, address: str | No
         raise InputError("--address is a cluster of Ray's: leave --no-ray out")
     if address is not None and workers is not None:
         raise InputError("--workers is of this machine, and a cluster runs as many jobs as fit: use --cores")
-    from diga3d_warp.experiments.cluster import RayCrew, require_ray
+    from diga3d_warp.experiments.cluster import RayCrew
     from diga3d_warp.pipelines.machine import core_count
 
     count = workers or 1
     threads = cores or max(core_count() // count, 1)
-    if ray or address is not None:
-        require_ray()
     if ray is False or (ray is None and address is None and find_spec("ray") is None):
         from diga3d_warp.experiments.processes import LocalCrew
 
@@ -219,7 +217,9 @@ def _crew(workers: int | None, cores: int | None, gpus: float, address: str | No
                 "without Ray each job sees one GPU, whatever --gpus says: leave it out, or use --ray"
             )
         return LocalCrew(count, threads, _gpu_count() if gpus else 0)
-    return RayCrew(address, count, threads, gpus)
+    crew = RayCrew(address, count, threads, gpus)
+    crew.check()
+    return crew
 
 
 def _gpu_count() -> int:

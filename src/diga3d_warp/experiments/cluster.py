@@ -45,6 +45,16 @@ class RayCrew:
     threads: int = 1
     gpus: float = 0.0
 
+    def check(self) -> None:
+        """Look for Ray and for the cluster, before anything is written.
+
+        Raises:
+            InputError: Ray is not installed, the address has no port, or nothing answers there.
+        """
+        require_ray()
+        if self.address is not None:
+            _check_reachable(self.address)
+
     def __call__(self, folders: Sequence[JobFolder], work: Work, tick: Callable[[], None]) -> Iterator[Ended]:
         """Work on jobs; see `run.Crew`.
 
@@ -92,7 +102,6 @@ class RayCrew:
             options |= {"num_cpus": self.workers * self.threads, "object_store_memory": STORE_BYTES}
             options |= {"include_dashboard": False, "address": "local"}
         else:
-            _check_reachable(self.address)
             options["address"] = self.address
         try:
             ray.init(**options)

@@ -64,6 +64,8 @@ def read_yaml(path: Path, form: type[Form]) -> Form:
         mark = getattr(error, "problem_mark", None)
         place = f", line {mark.line + 1}" if mark is not None else ""
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "it cannot be parsed"
+        if r"'\t'" in problem:
+            problem = "a tab indents it, where YAML takes spaces only"
         raise InputError(f"{path}{place}: {problem}: correct the file") from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not YAML ({error}): correct the file") from error
