@@ -65,6 +65,13 @@ def add_run_options(command: argparse.ArgumentParser) -> None:
         metavar="LIST",
         help="force effects, such as sh_degree=1,exposure=off (default: chosen from the capture)",
     )
+    command.add_argument(
+        "--representation",
+        choices=["gaussians", "scaffold"],
+        default="gaussians",
+        help="what is fitted: gaussians, or anchors that decode to gaussians for each view (Scaffold-GS); "
+        "the result is written as gaussians (default gaussians)",
+    )
     add_accuracy(command, "accuracy of the fitted renderings")
     command.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default 0)")
     command.add_argument("--resume", action="store_true", help="continue an interrupted run")

@@ -15,12 +15,15 @@ import torch
 from diga3d_warp.config import NO_EFFECT, Accuracy, Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.checkpoint import Unusable, origin_of, read_checkpoint, write_checkpoint
-from diga3d_warp.gaussians.density import DensitySettings, relocate_and_grow, walk
+from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.exposure import SETTINGS as EXPOSING
 from diga3d_warp.gaussians.exposure import Exposures, exposed, unexposed
+from diga3d_warp.gaussians.learner import Fitting, Seen, learner_of
 from diga3d_warp.gaussians.losses import depth_loss, photometric_loss
-from diga3d_warp.gaussians.optimiser import GaussianAdam, LearningRates
+from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
+from diga3d_warp.gaussians.scaffold.settings import ScaffoldSettings
 from diga3d_warp.gaussians.surround import behind_view
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.gaussians.working import to_user, to_working
@@ -48,6 +51,8 @@ class FitSettings:
             the effects let them.
         rates: Learning rates.
         density: Density control.
+        scaffold: Settings of anchors (Scaffold-GS), which then stand for gaussians: `rates`, `density` and
+            `sh_steps` are not read. None for plain gaussians.
         checkpoint_seconds: Time between two checkpoints [s].
         accuracy: Accuracy of the renderings.
     """
@@ -62,22 +67,23 @@ class FitSettings:
     sh_steps: tuple[float, ...] = (0.3, 0.5, 0.7)
     rates: LearningRates = field(default_factory=LearningRates)
     density: DensitySettings = field(default_factory=DensitySettings)
+    scaffold: ScaffoldSettings | None = None
     checkpoint_seconds: float = field(default=20.0, metadata=NO_EFFECT)
     accuracy: Accuracy = Accuracy.STANDARD
 
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """Fitted gaussians and the course of the fit.
+    """Fitted gaussians or anchors, and the course of the fit.
 
     Attributes:
-        gaussians: Without gradient.
-        curve: Points of the fit: iteration, loss, psnr [dB] of the image at that step, gaussians.
+        gaussians: Without gradient; anchors if the fit started from anchors.
+        curve: Points of the fit: iteration, loss, psnr [dB] of the image at that step, gaussians or anchors.
         seconds: Time spent, summed over interruptions [s].
         exposures: Colour transform of each target, shape (V, 3, 4), where they were fitted.
     """
 
-    gaussians: Gaussians
+    gaussians: Representation
     curve: list[dict[str, float]]
     seconds: float
     exposures: torch.Tensor | None = None
@@ -98,7 +104,7 @@ CURVE_INTERVAL = 25
 
 
 def fit(
-    gaussians: Gaussians,
+    gaussians: Representation,
     targets: Sequence[Target],
     extent: float,
     settings: FitSettings,
@@ -117,7 +123,8 @@ def fit(
     The same arguments give the same bytes, also when the fit was interrupted and resumed.
 
     Args:
-        gaussians: Initialisation; not changed. Means in float64 are fitted relative to their middle.
+        gaussians: Initialisation, gaussians or anchors; not changed. Means of gaussians in float64 are fitted
+            relative to their middle.
         targets: At least one.
         extent: Unit of position rates, `Scene.extent` [scene units].
         settings: Iterations, losses, learning rates and density control.
@@ -125,7 +132,8 @@ def fit(
             own colour transform; with `background` a target that has alpha is compared over another random
             colour at each step; depth is blended if the loss needs it, whatever `depth` is.
         seed: Seed of the order of images and of density control.
-        held: Gaussians that keep their values, shape (N,), bool. Those added later are free.
+        held: Gaussians or anchors that keep their values, shape (N,), bool. Those added later are free, and
+            behind them: the rows up to the last one that is held keep their place.
         surround: Shell behind the gaussians, seen wherever they let light through; it keeps its values.
             Targets that have alpha are compared without it.
         checkpoint: File to go on from if it exists, and to save to.
@@ -141,7 +149,7 @@ def fit(
 
     if len(gaussians) == 0:
         raise InputError("there are no gaussians to fit: start from one at least")
-    if gaussians.means.dtype != gaussians.sh.dtype:
+    if isinstance(gaussians, Gaussians) and gaussians.means.dtype != gaussians.sh.dtype:
         frame = WorkingFrame(gaussians.means.detach().mean(dim=0).cpu().numpy(), 1.0)
         shifted = [replace(each, camera=each.camera.relative_to(frame.origin)) for each in targets]
         result = fit(
@@ -149,6 +157,7 @@ def fit(
             surround=None if surround is None else to_working(surround, frame),
             checkpoint=checkpoint, note=note, progress=progress, label=label,
         )  # fmt: skip
+        assert isinstance(result.gaussians, Gaussians)
         return replace(result, gaussians=to_user(result.gaussians, frame))
     fitting = _Fit(gaussians, targets, extent, settings, seed, held, effects, label, surround)
     if checkpoint is not None:
@@ -167,7 +176,7 @@ def fit(
             fitting.save(checkpoint)
             saved = time.monotonic()
     exposures = fitting.exposures.transforms if fitting.exposures else None
-    return FitResult(fitting.optimiser.gaussians().detached(), fitting.curve, fitting.seconds, exposures)
+    return FitResult(fitting.learner.scene().detached(), fitting.curve, fitting.seconds, exposures)
 
 
 class _Fit:
@@ -178,19 +187,17 @@ class _Fit:
         effects: Effects = Effects(), label: str = "fit", surround: Gaussians | None = None,
     ) -> None:  # fmt: skip
         self.settings, self.effects, self.extent, self.label = settings, effects, extent, label
-        self.held, self.seed = held, seed
+        self.seed = seed
         self.targets = list(targets)
         self.coarse = [target.halved() for target in targets] if settings.coarse_part > 0.0 else []
         self.shells = [
             None if surround is None or target.alpha is not None else behind_view(surround, target.camera)
             for target in targets
         ]
-        self.optimiser = GaussianAdam(gaussians, settings.rates)
         self.exposures = Exposures([target.camera for target in targets]) if effects.exposure else None
         self.generator = torch.Generator().manual_seed(seed)
-        self.first_count = len(gaussians)
-        self.pull, self.shown = torch.zeros(2, len(gaussians)).unbind()
-        self.last_shown = torch.zeros(len(gaussians), dtype=torch.int64)
+        self.fitting = Fitting(settings, extent, len(self.targets), held, self.generator)
+        self.learner = learner_of(gaussians, self.fitting)
         self.iteration = 0
         self.order: list[int] = []
         self.curve: list[dict[str, float]] = []
@@ -203,7 +210,9 @@ class _Fit:
         s, done = self.settings, self.iteration / self.settings.iterations
         index = self._next_index()
         target = (self.coarse if done < s.coarse_part else self.targets)[index]
-        gaussians = self.optimiser.gaussians()
+        scene = self.learner.scene()
+        drawn = scene.drawn_in(target.camera)
+        gaussians = drawn.gaussians
         with_depth = s.depth_weight > 0.0 and target.depth is not None
         effects = replace(self.effects, sh_degree=self._degree(done), depth=with_depth)
         exposure = self.exposures.transforms[index] if self.exposures else None
@@ -225,7 +234,7 @@ class _Fit:
             losses["depth loss"] = s.depth_weight * depth_loss(
                 rendering.depth, target.depth, target.weight, aligned=target.relative_depth
             )
-        leaves, projection = dict(gaussians.named()), rendering.projection
+        leaves, projection = dict(scene.named()), rendering.projection
         sources = [*leaves.values(), projection.centers]
         if target.guide is not None:
             sources.append(rendering.color.view_as(rendering.color))  # for the gradient of the guide alone
@@ -233,23 +242,22 @@ class _Fit:
         loss = sum(losses.values(), torch.zeros(()))
         self._require_finite(losses, index)
 
-        regularised = loss + s.opacity_weight * gaussians.opacities.mean()
-        regularised = regularised + s.scale_weight * gaussians.scales.mean() / self.extent
-        gradients = torch.autograd.grad(regularised, sources)
+        regularised = loss
+        if len(gaussians):
+            regularised = loss + s.opacity_weight * gaussians.opacities.mean()
+            regularised = regularised + s.scale_weight * gaussians.scales.mean() / self.extent
+        gradients = torch.autograd.grad(regularised, sources, allow_unused=True, materialize_grads=True)
         if target.guide is not None:
             self._require_finite({"gradient of the guide": gradients[-1].sum()}, index)
         of_leaves, of_centers = gradients[: len(leaves)], gradients[len(leaves)]
         pull = of_centers.norm(dim=1)
-        self._require_finite({"gradient": pull.sum()}, index)
-        means_rate = s.rates.of_means(done, self.extent)
-        self.optimiser.step(
-            dict(zip(leaves, of_leaves, strict=True)), means_rate, self._held(len(gaussians)),
-            projection.visible,
-        )  # fmt: skip
-        self._note(pull, projection.visible)
+        # Networks spread one number that is not finite over all anchors.
+        shared = of_leaves if drawn.owners is not None else ()
+        self._require_finite({"gradient": sum((each.sum() for each in shared), pull.sum())}, index)
+        named = dict(zip(leaves, of_leaves, strict=True))
         if self.exposures and done >= EXPOSING.begin:
             self._update_exposure(index, target, shown, rendering.alpha, background)
-        self._control_density(done, means_rate)
+        self.learner.learn(Seen(target.camera, drawn, projection.visible, pull, named), self.iteration)
         self._record(float(loss.detach()), color.detach(), wanted, target.weight)
         self.iteration += 1
         self.seconds += time.perf_counter() - start
@@ -297,50 +305,10 @@ class _Fit:
                     f"{self.settings.iterations}: {REMEDIES[name]}"
                 )
 
-    def _note(self, pull: torch.Tensor, visible: torch.Tensor) -> None:
-        """Accumulate the gradient norms of the projected centres of the visible gaussians."""
-        self.pull += pull
-        self.shown += visible
-        self.last_shown[visible] = self.iteration
-
-    def _unseen(self) -> torch.Tensor:
-        """Gaussians that were visible in none of the images since each was last used, shape (N,), bool.
-
-        Adam skips gaussians that an image does not show, so neither images nor regularisers would update
-        them. Images come in rounds of random order: within two rounds' steps each comes once at least.
-        """
-        return self.iteration - self.last_shown >= 2 * len(self.targets)
-
     def _next_index(self) -> int:
         if not self.order:
             self.order = torch.randperm(len(self.targets), generator=self.generator).tolist()
         return self.order.pop()
-
-    def _held(self, count: int) -> torch.Tensor | None:
-        if self.held is None:
-            return None
-        return torch.nn.functional.pad(self.held, (0, count - len(self.held)))
-
-    def _control_density(self, done: float, means_rate: float) -> None:
-        s, density = self.settings, self.settings.density
-        held = self._held(len(self.optimiser.tensors["means"]))
-        if density.begin <= done < density.end and self.iteration % density.interval == 0:
-            grown = (done - density.begin) / (density.end - density.begin)
-            first = max(self.first_count, 1)
-            # Geometric growth, so that each round adds the same share; done three quarters of the way.
-            share = min(1.0, grown / 0.75)
-            wanted = round(first * (max(s.budget, first) / first) ** share)
-            pull = self.pull / self.shown.clamp_min(1.0)
-            placed = relocate_and_grow(
-                self.optimiser, wanted, pull, self._unseen(), density, self.generator, held
-            )
-            count = len(self.optimiser.tensors["means"])
-            self.pull, self.shown = torch.zeros(2, count).unbind()
-            self.last_shown = torch.nn.functional.pad(self.last_shown, (0, count - len(self.last_shown)))
-            self.last_shown[placed] = self.iteration
-            held = self._held(count)
-        if done < density.end:
-            walk(self.optimiser.gaussians(), means_rate / self.extent**2, density, self.generator, held)
 
     def _record(self, loss: float, color: torch.Tensor, wanted: torch.Tensor, weight) -> None:
         if weight is None:
@@ -353,18 +321,19 @@ class _Fit:
             return
         losses, errors = torch.tensor(self.recent, dtype=torch.float64).mean(dim=0).tolist()
         psnr = -10.0 * torch.log10(torch.tensor(max(errors, 1e-12))).item()
-        count = float(len(self.optimiser.tensors["means"]))
+        count = float(len(self.learner.scene()))
         self.curve.append({"iteration": self.iteration + 1, "loss": losses, "psnr": psnr, "gaussians": count})
         self.recent = []
 
-    _PLAIN = ("iteration", "order", "curve", "recent", "seconds", "pull", "shown", "last_shown")
+    _PLAIN = ("iteration", "order", "curve", "recent", "seconds")
 
     @cached_property
     def origin(self) -> str:
         """Digest of what this fit starts from; needed before the first step."""
         settings = replace(self.settings, checkpoint_seconds=0.0)
         sizes = [(target.camera.width, target.camera.height) for target in self.targets]
-        start = [*self.optimiser.tensors.values(), *([] if self.held is None else [self.held])]
+        held = self.fitting.held
+        start = [tensor for _, tensor in self.learner.scene().named()] + ([] if held is None else [held])
         start += [shell for shell in self.shells if shell is not None]
         return origin_of((settings, self.effects, self.extent, self.seed, sizes), start)
 
@@ -372,7 +341,7 @@ class _Fit:
         """Write a checkpoint through a temporary file."""
         state: dict[str, Any] = {name: getattr(self, name) for name in self._PLAIN}
         state["generator"] = self.generator.get_state()
-        state["optimiser"] = self.optimiser.state_dict()
+        state["learner"] = self.learner.state_dict()
         if self.exposures:
             state["exposures"] = self.exposures.transforms
         write_checkpoint(path, state, self.origin)
@@ -398,7 +367,7 @@ class _Fit:
         for name in self._PLAIN:
             setattr(self, name, state[name])
         self.generator.set_state(state["generator"])
-        self.optimiser.load_state_dict(state["optimiser"])
+        self.learner.load_state_dict(state["learner"])
         if self.exposures:
             self.exposures.transforms = state["exposures"]
 

@@ -10,6 +10,7 @@ import torch
 
 from diga3d_warp.config import Effects
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Drawn, Representation
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.attribution import shares
 from diga3d_warp.splatting.composite import composite
@@ -49,7 +50,7 @@ class LiftSettings:
 
 @dataclass(frozen=True, eq=False)
 class Votes:
-    """Blending weights of each gaussian, summed over all views.
+    """Blending weights of each gaussian, or of each anchor's gaussians, summed over all views.
 
     Attributes:
         masked: Blending weight inside masks, summed over views [pixels], shape (N,).
@@ -70,25 +71,55 @@ class Votes:
 
 
 def vote(
-    gaussians: Gaussians, cameras: Sequence[Camera], masks: Sequence[np.ndarray], effects: Effects = Effects()
+    scene: Representation,
+    cameras: Sequence[Camera],
+    masks: Sequence[np.ndarray],
+    effects: Effects = Effects(),
 ) -> Votes:
     """Count the blending weights of gaussians inside and outside masks.
 
     Args:
-        gaussians: N gaussians.
+        scene: N gaussians, or anchors, whose gaussians' votes are theirs.
         cameras: One per view.
         masks: One per view, shape (H, W), bool.
         effects: With which the gaussians are rendered.
     """
-    masked, total, inside, visible = torch.zeros(4, len(gaussians)).unbind()
+    return _votes(scene, cameras, masks, effects, len(scene))
+
+
+def divided(
+    scene: Representation,
+    cameras: Sequence[Camera],
+    masks: Sequence[np.ndarray],
+    settings: LiftSettings,
+    effects: Effects = Effects(),
+) -> Representation:
+    """The same scene, where no anchor has gaussians of the masked object and others; arguments as `vote`."""
+    if scene.slots == 1:
+        return scene
+    votes = _votes(scene, cameras, masks, effects, len(scene) * scene.slots)
+    return scene.divided(object_rows(votes, settings), votes.total > SHOWN)
+
+
+def _votes(
+    scene: Representation,
+    cameras: Sequence[Camera],
+    masks: Sequence[np.ndarray],
+    effects: Effects,
+    count: int,
+) -> Votes:
+    """Votes of the rows of a scene, or of the `count` gaussians that these can have."""
+    masked, total, inside, visible = torch.zeros(4, count).unbind()
     for camera, mask in zip(cameras, masks, strict=True):
-        projection = _projected(gaussians, camera, effects)
+        drawn, projection = _projected(scene, camera, effects)
+        if count != len(scene):
+            drawn = drawn._replace(owners=drawn.slots)
         taken = shares(projection, torch.from_numpy(mask.astype(np.float32))[..., None].expand(-1, -1, 3))
-        masked = masked + taken.sums[:, 0]
-        total = total + taken.weights
+        masked = masked + drawn.by_row(taken.sums[:, 0], count)
+        total = total + drawn.by_row(taken.weights, count)
         in_image, in_mask = _centers_in(projection, mask)
-        visible = visible + in_image
-        inside = inside + in_mask
+        visible = visible + (drawn.by_row(in_image.float(), count) > 0.0)
+        inside = inside + (drawn.by_row(in_mask.float(), count) > 0.0)
     return Votes(masked, total, inside, visible)
 
 
@@ -100,23 +131,23 @@ def object_rows(votes: Votes, settings: LiftSettings) -> torch.Tensor:
 
 
 def object_share(
-    gaussians: Gaussians, camera: Camera, rows: torch.Tensor, effects: Effects = Effects()
+    scene: Representation, camera: Camera, rows: torch.Tensor, effects: Effects = Effects()
 ) -> torch.Tensor:
     """Part of each pixel that the gaussians in `rows` (N,) take, behind the gaussians in front, (H, W)."""
-    colors = rows.to(torch.float32)[:, None].repeat(1, 3)
-    projection = _projected(gaussians, camera, effects)
+    drawn, projection = _projected(scene, camera, effects)
+    colors = drawn.of_rows(rows).to(torch.float32)[:, None].repeat(1, 3)
     return composite(projection, colors, camera.width, camera.height, effects=COLOR_ALONE).color[..., 0]
 
 
 def object_mask(
-    gaussians: Gaussians,
+    scene: Representation,
     camera: Camera,
     rows: torch.Tensor,
     settings: LiftSettings,
     effects: Effects = Effects(),
 ) -> np.ndarray:
     """Where the gaussians in `rows` (N,) show in a camera, in front of the others, shape (H, W), bool."""
-    return (object_share(gaussians, camera, rows, effects) > settings.opacity).numpy()
+    return (object_share(scene, camera, rows, effects) > settings.opacity).numpy()
 
 
 def lies_elsewhere(mask: np.ndarray, shown: np.ndarray, settings: LiftSettings) -> bool:
@@ -130,6 +161,7 @@ def lifted_colors(
     images: Sequence[np.ndarray],
     masks: Sequence[np.ndarray],
     effects: Effects = Effects(),
+    among: Representation | None = None,
 ) -> torch.Tensor:
     """Mean colour of the masked pixels that each gaussian shows in, by blending weight, shape (N, 3).
 
@@ -139,6 +171,7 @@ def lifted_colors(
         images: One per view, RGB in [0, 1], shape (H, W, 3).
         masks: One per view, shape (H, W), bool.
         effects: With which the gaussians are rendered.
+        among: What else there is, which hides them or is hidden; of as many harmonics.
 
     Returns:
         Colours; for a gaussian that shows in no mask the mean of all others.
@@ -146,16 +179,19 @@ def lifted_colors(
     sums, total = torch.zeros(len(gaussians), 3), torch.zeros(len(gaussians), 1)
     for camera, image, mask in zip(cameras, images, masks, strict=True):
         inside = torch.from_numpy(mask.astype(np.float32))[..., None].expand(-1, -1, 3)
-        projection = _projected(gaussians, camera, effects)
-        sums += shares(projection, torch.from_numpy(image) * inside).sums
-        total += shares(projection, inside).sums[:, :1]
+        around = gaussians if among is None else among.seen_from(camera).joined(gaussians)
+        projection, mine = _projected(around, camera, effects)[1], slice(len(around) - len(gaussians), None)
+        sums += shares(projection, torch.from_numpy(image) * inside).sums[mine]
+        total += shares(projection, inside).sums[mine, :1]
     mean = sums.sum(dim=0) / total.sum().clamp_min(1e-12)
     return torch.where(total > SHOWN, sums / total.clamp_min(SHOWN), mean)
 
 
-def _projected(gaussians: Gaussians, camera: Camera, effects: Effects) -> Projection:
+def _projected(scene: Representation, camera: Camera, effects: Effects) -> tuple[Drawn, Projection]:
     with torch.no_grad():
-        return project(
+        drawn = scene.drawn_in(camera)
+        gaussians = drawn.gaussians
+        return drawn, project(
             gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, camera,
             effects=effects,
         )  # fmt: skip

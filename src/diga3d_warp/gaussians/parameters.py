@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from diga3d_warp.gaussians.representation import Drawn
+from diga3d_warp.kernels.harmonics import C0
+from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.formats.positions import needs_double
 from diga3d_warp.scene.formats.read import read_splat
 from diga3d_warp.scene.formats.rows import SplatRows
 from diga3d_warp.scene.formats.standard_ply import write_ply
+
+PLY = "point_cloud.ply"
+"""Name of the file of gaussians in the folder of a stage."""
+
+
+def channel_factors(factor: torch.Tensor | float) -> torch.Tensor:
+    """Factors of colours, given for all rows, each row or each channel, in a shape that multiplies (M, 3)."""
+    factors = torch.as_tensor(factor)
+    return factors if factors.ndim == 2 else factors.reshape(-1, 1)
 
 
 @dataclass(eq=False)
@@ -54,6 +66,26 @@ class Gaussians:
         """Standard deviations [scene units], shape (N, 3)."""
         return torch.exp(self.log_scales)
 
+    @property
+    def coefficients(self) -> int:
+        """Spherical harmonics of each gaussian."""
+        return self.sh.shape[1]
+
+    slots = 1
+    """Gaussians that a row has."""
+
+    def divided(self, taken: torch.Tensor, shown: torch.Tensor) -> Gaussians:
+        """The gaussians themselves: none can be divided."""
+        return self
+
+    def drawn_in(self, camera: Camera) -> Drawn:
+        """All gaussians: they are the same from every camera."""
+        return Drawn(self)
+
+    def seen_from(self, camera: Camera) -> Gaussians:
+        """The gaussians themselves."""
+        return self
+
     def select(self, rows: torch.Tensor) -> Gaussians:
         """The rows of a boolean mask (N,) or an index (M,), copied."""
         return Gaussians(*(tensor.detach()[rows].clone() for _, tensor in self.named()))
@@ -66,6 +98,20 @@ class Gaussians:
                 for (_, mine), (_, theirs) in zip(self.named(), other.named(), strict=True)
             )
         )
+
+    def brightened(self, rows: torch.Tensor, factor: torch.Tensor | float) -> Gaussians:
+        """A copy with the colours of some rows multiplied, see `Representation.brightened`."""
+        changed = self.detached()
+        scale = channel_factors(factor).to(self.sh)
+        # Harmonics are offsets from mid-grey: colour = 0.5 + C0 * first + ...
+        sh = changed.sh[rows] * scale[:, None]
+        sh[:, 0] += 0.5 * (scale - 1.0) / C0
+        changed.sh[rows] = sh
+        return changed
+
+    def plain(self, cameras: Sequence[Camera]) -> Gaussians:
+        """The gaussians themselves."""
+        return self
 
     def detached(self) -> Gaussians:
         """A copy that shares nothing and carries no gradient."""
@@ -114,6 +160,10 @@ class Gaussians:
         for note in content.notes:
             warnings.warn(note, stacklevel=2)
         return cls.from_rows(content.rows)
+
+    def save(self, folder: Path, *, antialiased: bool = False) -> None:
+        """Write `point_cloud.ply` into a folder."""
+        self.save_ply(folder / PLY, antialiased=antialiased)
 
     def save_ply(
         self,

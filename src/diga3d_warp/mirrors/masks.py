@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from diga3d_warp.gaussians.lift import LiftSettings, Votes, object_rows
-from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.mirrors.comparing import stands_before
 from diga3d_warp.mirrors.find import Mirror
 from diga3d_warp.mirrors.reflection import Reflection
@@ -37,11 +37,13 @@ def mirror_mask(
     return np.asarray((image.cover > settings.shown) & on & ~before & (above > 0.0))
 
 
-def mirrored_rows(gaussians: Gaussians, mirror: Mirror, votes: Votes, lift: LiftSettings) -> torch.Tensor:
+def mirrored_rows(
+    gaussians: Representation, mirror: Mirror, votes: Votes, lift: LiftSettings
+) -> torch.Tensor:
     """Which gaussians the fit has put under the support to show the mirror image, shape (N,), bool.
 
     Args:
-        gaussians: N gaussians, those of the object among them or not.
+        gaussians: N gaussians or anchors, those of the object among them or not.
         mirror: The support.
         votes: Their weights in the masks of the mirror image.
         lift: When a gaussian belongs to what is masked.

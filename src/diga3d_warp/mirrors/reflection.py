@@ -9,6 +9,7 @@ import torch
 
 from diga3d_warp.config import Effects
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.materials.painting import GAMMA
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.splatting.composite import composite
@@ -79,17 +80,20 @@ def _reflected(quaternions: torch.Tensor, normal: torch.Tensor) -> torch.Tensor:
 
 
 def reflection(
-    gaussians: Gaussians, camera: Camera, frame: Frame, effects: Effects, placing: Placing = MIRROR
+    thing: Representation, camera: Camera, frame: Frame, effects: Effects, placing: Placing = MIRROR
 ) -> Reflection:
     """The mirror image of an object in one view, over nothing.
 
     Args:
-        gaussians: The object's.
+        thing: The object.
         camera: Where from.
         frame: On the plane.
         effects: With which gaussians are rendered.
         placing: Where the mirrored object is put.
     """
+    # A mirror shows the sides that are seen from the mirrored camera.
+    opposite = _opposite(camera, frame)
+    gaussians = thing.seen_from(opposite)
     below = mirrored(gaussians, frame, placing)
     plain = replace(effects, depth=False, median_depth=False, normals=False)
     with torch.no_grad():
@@ -98,8 +102,7 @@ def reflection(
         )
         degree = degree_of(gaussians.sh) if effects.sh_degree is None else effects.sh_degree
         degree = min(degree, degree_of(gaussians.sh))
-        # A mirror shows the sides that are seen from the mirrored camera.
-        colors = shade(gaussians.means, gaussians.sh, projection.extents, _opposite(camera, frame), degree)
+        colors = shade(gaussians.means, gaussians.sh, projection.extents, opposite, degree)
         linear = colors.clamp(0.0, 1.0) ** GAMMA
         blended = composite(projection, linear, camera.width, camera.height, effects=plain)
     return Reflection(blended.color.numpy(), 1.0 - blended.transmittance.numpy())

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.objects.frame import Frame, frame_of, upward
 from diga3d_warp.objects.surface import Surface, unit
 from diga3d_warp.scene.camera import Camera
@@ -65,7 +65,7 @@ class Place:
 
 
 def find_place(
-    surface: Surface, cameras: Sequence[Camera], left: Gaussians, settings: SupportSettings | None = None
+    surface: Surface, cameras: Sequence[Camera], left: Representation, settings: SupportSettings | None = None
 ) -> Place:
     """The place of an object that was taken out.
 

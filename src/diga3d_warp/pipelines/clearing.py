@@ -11,10 +11,11 @@ import torch
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import to_bytes, write_array, write_image, write_json
-from diga3d_warp.gaussians.lift import LiftSettings, lies_elsewhere, object_mask, object_rows, vote
-from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.lift import LiftSettings, divided, lies_elsewhere, object_mask, object_rows, vote
+from diga3d_warp.gaussians.representation import Representation
+from diga3d_warp.gaussians.storage import load
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.pipelines.stages import GAUSSIANS, LIFT
+from diga3d_warp.pipelines.stages import LIFT
 from diga3d_warp.propagation.unseen import Background, observe_behind
 from diga3d_warp.scene.photographs.names import listed
 from diga3d_warp.scene.scene import Scene, View
@@ -51,7 +52,7 @@ class Cleared:
         free: Rows that show within the edit masks and may change when the hole is filled, shape (N,).
     """
 
-    gaussians: Gaussians
+    gaussians: Representation
     free: torch.Tensor
 
     def held(self, count: int) -> torch.Tensor:
@@ -60,9 +61,9 @@ class Cleared:
 
 
 def lift_object(
-    run: Run, scene: Scene, object_masks: Masks, source: Gaussians, settings: LiftSettings,
+    run: Run, scene: Scene, object_masks: Masks, source: Representation, settings: LiftSettings,
     masking: MaskSettings,
-) -> tuple[torch.Tensor, Masks]:  # fmt: skip
+) -> tuple[Representation, torch.Tensor, Masks]:  # fmt: skip
     """Lift object masks to the object's gaussians, and widen them.
 
     Args:
@@ -70,12 +71,13 @@ def lift_object(
         scene: The capture.
         object_masks: Of some views or all; of those in training, at least one. Views without one get one from
             the object's gaussians.
-        source: The splat, N gaussians.
+        source: The splat, N gaussians or anchors.
         settings: Thresholds for assigning a gaussian to the object.
         masking: Dilation of the masks.
 
     Returns:
-        Which gaussians belong to the object, shape (N,), bool, and the edit masks of all views.
+        The splat, whose anchors are divided where only some of their gaussians are the object's; which rows
+        of it are, shape (N,), bool; and the edit masks of all views.
 
     Raises:
         InputError: the masks lift to no gaussian or to all of them.
@@ -84,7 +86,8 @@ def lift_object(
     def compute(folder: Path) -> None:
         masked = [view for view in scene.views if view.name in object_masks]
         cameras, masks = [view.camera for view in masked], [object_masks[view.name] for view in masked]
-        votes = vote(source, cameras, masks, run.effects)
+        parted = divided(source, cameras, masks, settings, run.effects)
+        votes = vote(parted, cameras, masks, run.effects)
         rows = object_rows(votes, settings)
         if not rows.any():
             raise InputError(
@@ -95,7 +98,7 @@ def lift_object(
             raise InputError(f"{scene.path}: the masks lift to every gaussian seen; mask the object only")
         elsewhere = []
         for view in [*scene.views, *scene.test_views]:
-            shown = object_mask(source, view.camera, rows, settings, run.effects)
+            shown = object_mask(parted, view.camera, rows, settings, run.effects)
             mask = object_masks.get(view.name, shown)
             if lies_elsewhere(mask, shown, settings):
                 elsewhere.append(view.name)
@@ -106,10 +109,14 @@ def lift_object(
                 f"{listed(elsewhere)}; do they belong to these photographs?"
             )
         write_array(folder / "object.npy", rows)
+        if parted is not source:
+            parted.save(folder)
 
     folder = run.stage(LIFT, compute)
+    if source.slots > 1:
+        source = load(folder)
     edit_masks = read_masks(folder / "masks", [*scene.views, *scene.test_views])
-    return torch.from_numpy(read_array(folder / "object.npy")), edit_masks
+    return source, torch.from_numpy(read_array(folder / "object.npy")), edit_masks
 
 
 def read_masks(folder: Path, views: Sequence[View]) -> Masks:
@@ -118,7 +125,7 @@ def read_masks(folder: Path, views: Sequence[View]) -> Masks:
 
 
 def clear_object(
-    run: Run, views: Sequence[View], edit_masks: Masks, source: Gaussians, rows: torch.Tensor,
+    run: Run, views: Sequence[View], edit_masks: Masks, source: Representation, rows: torch.Tensor,
     settings: LiftSettings, shadow: Shadow | None = None,
 ) -> Cleared:  # fmt: skip
     """Delete the object's gaussians, and take its shadow from the others.
@@ -127,27 +134,27 @@ def clear_object(
         run: Run folder that receives the stage.
         views: Training views.
         edit_masks: Of these views.
-        source: N gaussians.
+        source: N gaussians or anchors.
         rows: Those of the object, shape (N,).
         settings: Which of the others may change.
         shadow: Of the object; None if it casts none.
     """
 
     def compute(folder: Path) -> None:
-        left = source.select(~rows)
+        left: Representation = source.select(~rows)
         masks = [edit_masks[view.name] for view in views]
         near = vote(left, [view.camera for view in views], masks, run.effects)
         free = near.share > settings.free_share
         if shadow is not None:
             left, relit = relit_gaussians(left, shadow)
             free |= relit
-        left.save_ply(folder / GAUSSIANS, antialiased=run.effects.antialias)
+        left.save(folder, antialiased=run.effects.antialias)
         write_array(folder / "free.npy", free)
         write_json(folder / "counts.json", {"object": int(rows.sum()), "left": int((~rows).sum())})
 
     folder = run.stage("clear", compute)
     free = torch.from_numpy(read_array(folder / "free.npy"))
-    return Cleared(Gaussians.load_ply(folder / GAUSSIANS, every_row=True), free)
+    return Cleared(load(folder), free)
 
 
 @dataclass(frozen=True, eq=False)

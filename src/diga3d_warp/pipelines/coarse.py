@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from diga3d_warp.files import to_bytes, write_arrays, write_image
 from diga3d_warp.gaussians.fit import FitSettings, fit
 from diga3d_warp.gaussians.initialise import from_image
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.perception.depth import DepthEstimator
 from diga3d_warp.pipelines import clearing, stages
@@ -195,17 +197,19 @@ def refit(
     extent: float,
     settings: FitSettings,
     seed: int,
-) -> Gaussians:
+) -> Representation:
     """Fit the hole to the filled views; gaussians outside it keep their values."""
 
     def compute(folder: Path) -> None:
         start = cleared.gaussians
         photos = photos_of(views, backgrounds, depths, charts)
-        coefficients = start.sh.shape[1]
+        coefficients = start.coefficients
         seeds = [*surfels(charts, coefficients), *seeds_of(views, fills, references, coefficients)]
-        for added in seeds:
-            hiding = refused(added.means.double().numpy(), photos)
-            start = start.joined(added.select(torch.from_numpy(~hiding)))
+        seeds = [
+            added.select(torch.from_numpy(~refused(added.means.double().numpy(), photos))) for added in seeds
+        ]
+        if seeds:
+            start = start.joined(reduce(Gaussians.joined, seeds))
         result = fit(
             start, targets_of(views, backgrounds, fills), extent, settings, effects=run.effects,
             seed=seed, held=cleared.held(len(start)), surround=stages.shell_of(run),

@@ -11,7 +11,7 @@ import torch
 
 from diga3d_warp.config import Effects
 from diga3d_warp.gaussians.fit import FitSettings, fit
-from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.method import Method
@@ -29,7 +29,7 @@ from diga3d_warp.splatting.render import render
 
 def distil(
     run: Run,
-    source: Gaussians,
+    source: Representation,
     held: torch.Tensor,
     targets: Sequence[Target],
     masks: Sequence[np.ndarray],
@@ -42,13 +42,14 @@ def distil(
     seed: int,
     *,
     known: Sequence[np.ndarray] | None = None,
-) -> Gaussians:
+    photographed: bool = False,
+) -> Representation:
     """Refine an edit by TG-SDS beside its photometric and depth losses.
 
     Args:
         run: Run folder that receives the stage.
-        source: The edited scene, N gaussians.
-        held: Gaussians that keep their values, shape (N,), bool.
+        source: The edited scene, N gaussians or anchors.
+        held: Gaussians or anchors that keep their values, shape (N,), bool.
         targets: The edited views, with the depth of the edit.
         masks: Where each view was edited, shape (H, W), bool; only these pixels get the prior's gradient.
         references: Each view is conditioned on texture and depth warped from the reference of its cluster.
@@ -60,6 +61,7 @@ def distil(
         seed: Seed of the fit and of the noise.
         known: Photographs that condition the prior outside the masks, shape (H, W, 3); within them they still
             show the object, which a prior may steer away from. If None, renderings of `source` do.
+        photographed: Whether the targets show the surround, as photographs do and renderings do not.
     """
 
     def compute(folder: Path) -> None:
@@ -68,7 +70,7 @@ def distil(
         )  # fmt: skip
         result = fit(
             source, guided, extent, settings, effects=run.effects, seed=seed, held=held,
-            surround=stages.shell_of(run),
+            surround=stages.shell_of(run) if photographed else None,
             checkpoint=folder / "checkpoint.pt", note=run.note, progress=True, label="distil",
         )  # fmt: skip
         stages.keep_fit(run, folder, result)
@@ -77,7 +79,7 @@ def distil(
 
 
 def guided_targets(
-    source: Gaussians, targets: Sequence[Target], masks: Sequence[np.ndarray], references: References,
+    source: Representation, targets: Sequence[Target], masks: Sequence[np.ndarray], references: References,
     prior: DiffusionPrior, guidance: Guidance, method: Method, effects: Effects,
     known: Sequence[np.ndarray] | None,
 ) -> list[Target]:  # fmt: skip
@@ -113,13 +115,13 @@ def guided_targets(
 
 
 @torch.no_grad()
-def _shown(source: Gaussians, target: Target, effects: Effects) -> tuple[torch.Tensor, torch.Tensor]:
+def _shown(source: Representation, target: Target, effects: Effects) -> tuple[torch.Tensor, torch.Tensor]:
     """Colour (H, W, 3) and z (H, W) of the edited scene in a view."""
     rendering = render(source, target.camera, effects=replace(effects, depth=True), background=BACKGROUND)
     return rendering.color, rendering.depth
 
 
-def _depth_of(source: Gaussians, target: Target, effects: Effects) -> torch.Tensor:
+def _depth_of(source: Representation, target: Target, effects: Effects) -> torch.Tensor:
     """z of a reference, shape (H, W): the fill's where there is one, the splat's elsewhere."""
     _, splat = _shown(source, target, effects)
     return splat if target.depth is None else torch.where(target.depth > 0.0, target.depth, splat)

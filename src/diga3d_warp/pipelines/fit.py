@@ -14,10 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from diga3d_warp.config import Accuracy
+from diga3d_warp.errors import InputError
 from diga3d_warp.evaluation.protocols import evaluate
+from diga3d_warp.evaluation.record import RESULT
 from diga3d_warp.evaluation.report import write_report
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.pipelines import stages
+from diga3d_warp.pipelines.baking import baked
 from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.request import FitRequest, RunResult
 from diga3d_warp.pipelines.run import Run
@@ -46,6 +49,21 @@ def fit_settings(scene: Scene, iterations: int | None, accuracy: Accuracy = Accu
     return replace(settings, budget=budget, iterations=iterations or max(wanted, settings.iterations))
 
 
+def requested_fit(scene: Scene, request: FitRequest) -> FitSettings:
+    """Default settings of a fit of a scene, with the options of a request applied.
+
+    Raises:
+        InputError: the scene has a splat, which is not fitted again, and anchors are asked for.
+    """
+    if request.scaffold is not None and scene.splat is not None:
+        raise InputError(
+            f"{scene.splat} is taken as it is, and holds gaussians: leave --representation scaffold out, or "
+            "give the photographs without it"
+        )
+    settings = fit_settings(scene, request.iterations, request.knobs)
+    return replace(settings, scaffold=request.scaffold)
+
+
 def fit(
     scene: str | Path | Scene, out: str | Path, *, settings: FitSettings | None = None, **options: Any
 ) -> RunResult:
@@ -64,13 +82,15 @@ def fit(
     request = FitRequest(scene=scene, out=out, **options)
     capture = request.load()
     stages.check_splat(capture)
-    settings = settings or fit_settings(capture, request.iterations, request.knobs)
+    settings = settings or requested_fit(capture, request)
     run = request.open_run("fit", capture, settings.iterations)
     run.hold_to(**everything(capture, settings, request.seed, request.effects))
     capture = stages.begin(run, capture, request.effects)
-    fitted = stages.fit_source(run, capture, settings, request.seed)
-    stages.show_views(run, capture, None, fitted)
-    gaussians, _ = stages.finish(run, "fit")
+    stages.fit_source(run, capture, settings, request.seed)
+    views = capture.views if settings.scaffold is None else stages.correct_exposure(run, capture).views
+    plain = baked(run, "fit", views, request.seed, RESULT)
+    stages.show_views(run, capture, None, plain.gaussians)
+    gaussians, _ = stages.finish(run, plain.stage, source=plain.stage)
     conclude(run, capture)
     return RunResult(gaussians, run)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import TypedDict
 
@@ -15,6 +16,7 @@ from diga3d_warp.files import to_bytes, write_array, write_image, write_json
 from diga3d_warp.gaussians.fit import FitSettings, fit
 from diga3d_warp.gaussians.initialise import from_image
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.objects.surface import Sight
 from diga3d_warp.perception.depth import DepthEstimator
@@ -77,7 +79,7 @@ def imagine(
     views: Sequence[View],
     edit_masks: Sequence[np.ndarray],
     sights: Sequence[Sight],
-    cleared: Gaussians,
+    cleared: Representation,
     references: References,
     words: FreeText,
     seed: int,
@@ -120,7 +122,7 @@ def measure(
     edit_masks: Sequence[np.ndarray],
     sights: Sequence[Sight],
     images: Sequence[np.ndarray],
-    cleared: Gaussians,
+    cleared: Representation,
     estimator: DepthEstimator | None,
 ) -> list[Imagined]:
     """Depth of the coarse images: estimated and aligned to the scene around (paper Sec. 3.5).
@@ -150,26 +152,41 @@ def measure(
 
 def grow(
     run: Run,
-    cleared: Gaussians,
+    cleared: Representation,
     imagined: Sequence[Imagined],
     references: References,
     extent: float,
     settings: FitSettings,
     seed: int,
-) -> Gaussians:
-    """Gaussians where the references show the new object, fitted to all views; the scene stays."""
+    *,
+    photographed: bool = False,
+) -> Representation:
+    """Gaussians where the references show the new object, fitted to all views; the scene stays.
+
+    Args:
+        run: Run folder that receives the stage.
+        cleared: The scene without the old object.
+        imagined: The views.
+        references: Those of which pixels become gaussians.
+        extent: Extent of the scene [scene units].
+        settings: Iterations, budget and learning rates of the fit.
+        seed: Seed of the fit.
+        photographed: Whether the views show the surround, as photographs do and renderings do not.
+    """
 
     def compute(folder: Path) -> None:
-        start, coefficients = cleared, cleared.sh.shape[1]
-        for index in references.indices:
-            each = imagined[index]
-            added = from_image(
-                each.image, each.depth, each.mask, each.view.camera, coefficients, SEEDS_PER_REFERENCE
+        chosen = [imagined[index] for index in references.indices]
+        seeds = [
+            from_image(
+                each.image, each.depth, each.mask, each.view.camera, cleared.coefficients, SEEDS_PER_REFERENCE
             )
-            start = start.joined(added)
+            for each in chosen
+        ]
+        start = cleared.joined(reduce(Gaussians.joined, seeds))
         result = fit(
             start, [each.target for each in imagined], extent, settings, effects=run.effects, seed=seed,
-            held=torch.arange(len(start)) < len(cleared), surround=stages.shell_of(run),
+            held=torch.arange(len(start)) < len(cleared),
+            surround=stages.shell_of(run) if photographed else None,
             checkpoint=folder / "checkpoint.pt", note=run.note,
             progress=True, label="grow",
         )  # fmt: skip
@@ -179,7 +196,7 @@ def grow(
 
 
 @torch.no_grad()
-def _seen(run: Run, cleared: Gaussians, view: View) -> tuple[torch.Tensor, torch.Tensor]:
+def _seen(run: Run, cleared: Representation, view: View) -> tuple[torch.Tensor, torch.Tensor]:
     """Colour (H, W, 3) and z (H, W) of the cleared scene in a view."""
     effects = replace(run.effects, depth=True)
     rendering = render(cleared, view.camera, effects=effects, background=BACKGROUND)

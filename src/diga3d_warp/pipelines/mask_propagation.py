@@ -13,7 +13,7 @@ from diga3d_warp.config import Effects
 from diga3d_warp.errors import InputError
 from diga3d_warp.files import write_image
 from diga3d_warp.gaussians.lift import LiftSettings, Votes, object_mask, object_rows, vote
-from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.perception.boxes import cut_along
 from diga3d_warp.pipelines import clearing
 from diga3d_warp.pipelines.marking import Marks
@@ -52,7 +52,7 @@ class MaskPropagationSettings:
 
 
 def propagate_masks(
-    run: Run, scene: Scene, source: Gaussians, marks: Marks, lift: LiftSettings
+    run: Run, scene: Scene, source: Representation, marks: Marks, lift: LiftSettings
 ) -> clearing.Masks:
     """Object masks: of all views from those of the marked ones; the user's, if the scene brought its own.
 
@@ -94,14 +94,14 @@ def propagate_masks(
     return clearing.read_masks(folder, views)
 
 
-def _votes(source: Gaussians, views: Sequence[View], masks: clearing.Masks, effects: Effects) -> Votes:
+def _votes(source: Representation, views: Sequence[View], masks: clearing.Masks, effects: Effects) -> Votes:
     """Votes of the views that have a mask."""
     known = [view for view in views if view.name in masks]
     return vote(source, [view.camera for view in known], [masks[view.name] for view in known], effects)
 
 
 def object_seeds(
-    source: Gaussians, votes: Votes, lift: LiftSettings, settings: MaskPropagationSettings
+    source: Representation, votes: Votes, lift: LiftSettings, settings: MaskPropagationSettings
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Gaussians that the masked views show to be the object, and those that may be, both shape (N,), bool."""
     from scipy.ndimage import label
@@ -144,7 +144,7 @@ def _bounds(points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _propagated(
-    source: Gaussians, view: View, seeds: torch.Tensor, candidates: torch.Tensor, lift: LiftSettings,
+    source: Representation, view: View, seeds: torch.Tensor, candidates: torch.Tensor, lift: LiftSettings,
     settings: MaskPropagationSettings, effects: Effects,
 ) -> np.ndarray:  # fmt: skip
     """The mask of a view that is not marked."""

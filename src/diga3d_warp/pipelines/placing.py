@@ -12,9 +12,9 @@ import torch
 from diga3d_warp.config import Effects
 from diga3d_warp.files import to_bytes, write_array, write_image
 from diga3d_warp.gaussians.fit import FitSettings, fit
-from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
+from diga3d_warp.gaussians.storage import load
 from diga3d_warp.gaussians.target import Target
-from diga3d_warp.kernels.harmonics import C0
 from diga3d_warp.materials.painting import GAMMA
 from diga3d_warp.objects.asset import Asset, MeshAsset
 from diga3d_warp.objects.frame import Frame
@@ -70,7 +70,7 @@ class Staged:
         targets: What the training views should show.
     """
 
-    gaussians: Gaussians
+    gaussians: Representation
     held: torch.Tensor
     targets: list[Target]
 
@@ -105,7 +105,7 @@ class _Stand:
 
 def place_object(
     run: Run, views: Sequence[View], others: Sequence[View], edit_masks: clearing.Masks,
-    changed: clearing.Masks, sights: Sequence[Sight], cleared: Gaussians, asset: Asset,
+    changed: clearing.Masks, sights: Sequence[Sight], cleared: Representation, asset: Asset,
     settings: PlacingSettings,
 ) -> Staged:  # fmt: skip
     """Put an asset where the old object stood, with its shadow, and draw it into every view.
@@ -150,9 +150,10 @@ def place_object(
             if effects.background:
                 write_image(folder / f"{view.name}.alpha.png", alpha)
         dark, shaded = _darkened(scene, shadow, settings)
-        added = placed.gaussians(pixel_width(sights), dark.sh.shape[1])
-        dark.joined(added).save_ply(folder / stages.GAUSSIANS, antialiased=run.effects.antialias)
-        held = np.concatenate([~shaded, np.zeros(len(added), bool)])
+        added = placed.gaussians(pixel_width(sights), dark.coefficients)
+        whole = dark.joined(added)
+        whole.save(folder, antialiased=run.effects.antialias)
+        held = np.concatenate([~shaded, np.zeros(len(whole) - len(dark), bool)])
         write_array(folder / "held.npy", held)
         write_array(folder / "blocking.npy", blocking)
 
@@ -165,16 +166,16 @@ def place_object(
         target = Target(view.camera, torch.from_numpy(pixels), depth=depth, alpha=stages.tensor_of(alpha))
         targets.append(target)
     held = torch.from_numpy(read_array(folder / "held.npy"))
-    return Staged(Gaussians.load_ply(folder / stages.GAUSSIANS, every_row=True), held, targets)
+    return Staged(load(folder), held, targets)
 
 
-def settle(run: Run, staged: Staged, extent: float, settings: FitSettings, seed: int) -> Gaussians:
-    """Fit the new object and the shaded floor to the composed views."""
+def settle(run: Run, staged: Staged, extent: float, settings: FitSettings, seed: int) -> Representation:
+    """Fit the new object and the shaded floor to the composed views, which show no surround."""
 
     def compute(folder: Path) -> None:
         result = fit(
             staged.gaussians, staged.targets, extent, settings, effects=run.effects, seed=seed,
-            held=staged.held, surround=stages.shell_of(run),
+            held=staged.held,
             checkpoint=folder / "checkpoint.pt", note=run.note,
             progress=True, label="settle",
         )  # fmt: skip
@@ -191,7 +192,7 @@ def _put(asset: Asset, frame: Frame, scale: float, light: Light, effects: Effect
 
 
 def _blocking(
-    cleared: Gaussians, views: Sequence[View], edit_masks: clearing.Masks,
+    cleared: Representation, views: Sequence[View], edit_masks: clearing.Masks,
     looks: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], stand: _Stand,
 ) -> torch.Tensor:  # fmt: skip
     """Gaussians that stand before the new object and cannot be anything real, shape (N,), bool.
@@ -218,7 +219,7 @@ def _blocking(
 
 
 def _composed(
-    cleared: Gaussians, placed: Placed, shadow: Shadow, view: View, edit_mask: np.ndarray, stand: _Stand,
+    cleared: Representation, placed: Placed, shadow: Shadow, view: View, edit_mask: np.ndarray, stand: _Stand,
     effects: Effects,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """A view with the new object: its image, depth, where it differs from the cleared one, and opacity."""
@@ -243,13 +244,11 @@ def _composed(
     return image.clip(0, 1), np.where(covered, depth, behind).astype(np.float32), edited, alpha
 
 
-def _darkened(cleared: Gaussians, shadow: Shadow, settings: PlacingSettings) -> tuple[Gaussians, np.ndarray]:
+def _darkened(
+    cleared: Representation, shadow: Shadow, settings: PlacingSettings
+) -> tuple[Representation, np.ndarray]:
     """The scene with the shadow on its gaussians, and which of them it falls on, shape (N,), bool."""
     light = shadow.at(cleared.means.double().numpy())
     shaded = light < settings.shaded
     factor = torch.from_numpy(np.where(shaded, light ** (1.0 / GAMMA), 1.0).astype(np.float32))
-    dark = cleared.detached()
-    dark.sh *= factor[:, None, None]
-    # A colour is 0.5 + C0 * dc + ..., and the factor is for all of it.
-    dark.sh[:, 0] += ((factor - 1.0) * 0.5 / C0)[:, None]
-    return dark, shaded
+    return cleared.brightened(torch.ones(len(cleared), dtype=torch.bool), factor), shaded

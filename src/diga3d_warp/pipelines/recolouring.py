@@ -15,6 +15,7 @@ from diga3d_warp.gaussians.density import spread_out
 from diga3d_warp.gaussians.fit import FitSettings, fit
 from diga3d_warp.gaussians.lift import lifted_colors, object_share
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.kernels.harmonics import C0
 from diga3d_warp.objects.repaint import Repainter
@@ -44,7 +45,9 @@ class SplitSettings:
     spread: float = 0.8
 
 
-def look_at_object(run: Run, views: Sequence[View], source: Gaussians, rows: torch.Tensor) -> list[Sight]:
+def look_at_object(
+    run: Run, views: Sequence[View], source: Representation, rows: torch.Tensor
+) -> list[Sight]:
     """The object in every view: the image before, the object's part in it, and its depth."""
 
     def compute(folder: Path) -> None:
@@ -69,11 +72,9 @@ def look_at_object(run: Run, views: Sequence[View], source: Gaussians, rows: tor
 
 
 @torch.no_grad()
-def _sight(source: Gaussians, rows: torch.Tensor, view: View, effects: Effects) -> Sight:
+def _sight(source: Representation, rows: torch.Tensor, view: View, effects: Effects) -> Sight:
     camera = view.camera
-    without = source.detached()
-    without.sh[~rows] = 0.0
-    without.sh[~rows, 0] = -0.5 / C0  # black: what is left is the object's part
+    without = source.brightened(~rows, 0.0)  # what is left is the object's part
     colors_only, with_depth = replace(effects, depth=False), replace(effects, depth=True)
     share = without_floaters(object_share(source, camera, rows, effects).numpy())
     whole = render(source, camera, effects=with_depth, background=BACKGROUND)
@@ -105,19 +106,18 @@ def repaint(
 
 
 def recolour(
-    run: Run, source: Gaussians, rows: torch.Tensor, sights: Sequence[Sight], images: Sequence[np.ndarray],
-    extent: float, settings: FitSettings, split: SplitSettings, seed: int,
-) -> Gaussians:  # fmt: skip
+    run: Run, source: Representation, rows: torch.Tensor, sights: Sequence[Sight],
+    images: Sequence[np.ndarray], extent: float, settings: FitSettings, split: SplitSettings, seed: int,
+) -> Representation:  # fmt: skip
     """Fit the object's gaussians to the repainted views; all others keep their values."""
 
     def compute(folder: Path) -> None:
-        rest, thing = source.select(~rows), source.select(rows)
+        rest, thing = source.select(~rows), source.select(rows).plain([sight.camera for sight in sights])
         fine = _split(thing, sights, split, seed)
-        painted = _painted(rest.joined(fine), len(rest), sights, images, run.effects)
+        painted = rest.joined(_painted(fine, rest, sights, images, run.effects))
         held = torch.arange(len(painted)) < len(rest)
         result = fit(
             painted, targets_of(sights, images), extent, settings, effects=run.effects, seed=seed, held=held,
-            surround=stages.shell_of(run),
             checkpoint=folder / "checkpoint.pt", note=run.note, progress=True, label="refit",
         )  # fmt: skip
         stages.keep_fit(run, folder, result)
@@ -126,7 +126,7 @@ def recolour(
 
 
 def targets_of(sights: Sequence[Sight], images: Sequence[np.ndarray]) -> list[Target]:
-    """Targets of the fit: the repainted views, with the depth of the object."""
+    """Targets of the fit: the repainted views, with the depth of the object. They show no surround."""
     return [
         Target(
             sight.camera,
@@ -149,12 +149,13 @@ def _split(gaussians: Gaussians, sights: Sequence[Sight], settings: SplitSetting
 
 
 def _painted(
-    gaussians: Gaussians, first: int, sights: Sequence[Sight], images: Sequence[np.ndarray], effects: Effects
-) -> Gaussians:
-    """Gaussians whose rows from `first` on have the mean colour of the pixels that they show in."""
+    gaussians: Gaussians, rest: Representation, sights: Sequence[Sight], images: Sequence[np.ndarray],
+    effects: Effects,
+) -> Gaussians:  # fmt: skip
+    """Gaussians with the mean colour of the pixels that they show in, before and behind the rest."""
     cameras, masks = [sight.camera for sight in sights], [sight.mask for sight in sights]
-    colors = lifted_colors(gaussians, cameras, images, masks, effects)[first:]
+    colors = lifted_colors(gaussians, cameras, images, masks, effects, among=rest)
     painted = gaussians.detached()
-    painted.sh[first:] = 0.0
-    painted.sh[first:, 0] = (colors - 0.5) / C0
+    painted.sh[:] = 0.0
+    painted.sh[:, 0] = (colors - 0.5) / C0
     return painted

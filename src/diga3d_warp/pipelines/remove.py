@@ -36,7 +36,7 @@ from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.lift import LiftSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
-from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.perception.depth import DepthEstimator
 from diga3d_warp.pipelines import (
     charting,
@@ -49,8 +49,9 @@ from diga3d_warp.pipelines import (
     shading,
     stages,
 )
+from diga3d_warp.pipelines.baking import publish_edit
 from diga3d_warp.pipelines.contents import everything
-from diga3d_warp.pipelines.fit import conclude, fit_settings
+from diga3d_warp.pipelines.fit import conclude, requested_fit
 from diga3d_warp.pipelines.free_text import reads_free_text
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks
 from diga3d_warp.pipelines.method import Method, check_method, usual_method
@@ -151,8 +152,7 @@ def remove_object(
     scene = marking.mark(run, scene, marks)
     stages.check_edit(scene, method.references)
     taken = take_out(scene, run, settings, prior, marks, seed, effects, own, estimator)
-    stages.show_views(run, taken.scene, taken.source, taken.gaussians)
-    edited, source = stages.finish(run, taken.stage, taken.behind.masks)
+    edited, source = publish_edit(run, taken.scene, taken.stage, taken.behind.masks, seed)
     return EditResult(edited, run, source)
 
 
@@ -171,8 +171,8 @@ class TakenOut:
         behind: What was known behind the object, and masks of all that was edited.
     """
 
-    gaussians: Gaussians
-    source: Gaussians
+    gaussians: Representation
+    source: Representation
     rows: torch.Tensor
     scene: Scene
     edit_masks: clearing.Masks
@@ -199,7 +199,9 @@ def take_out(
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.correct_exposure(run, scene)
     object_masks = mask_propagation.propagate_masks(run, scene, source, marks, settings.lift)
-    rows, edit_masks = clearing.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
+    source, rows, edit_masks = clearing.lift_object(
+        run, scene, object_masks, source, settings.lift, settings.masking
+    )
     wishes = {name: bool(value) for name, value in (effects or {}).items()}
     masked = Masked(run, scene, edit_masks, source, rows, settings.lift, settings.masking, seed)
     image = mirroring.find_image(masked, wishes.get("mirror"), filled=filled or bool(own))
@@ -233,7 +235,7 @@ def take_out(
     refined = fine.distil(
         run, edited, cleared.held(len(edited)), coarse.targets_of(views, backgrounds, fills),
         unseen, references, prior, prior.guidance, method,
-        scene.extent, settings.distil, seed, known=[at.image for at in backgrounds],
+        scene.extent, settings.distil, seed, known=[at.image for at in backgrounds], photographed=True,
     )  # fmt: skip
     return TakenOut(refined, source, rows, scene, edit_masks, references, "distil", behind)
 
@@ -284,7 +286,7 @@ def remove(
 def remove_settings(scene: Scene, request: EditRequest, method: Method) -> RemoveSettings:
     """Default settings of a removal of a scene, with the options of the request applied."""
     return RemoveSettings(
-        fit=fit_settings(scene, request.iterations, request.knobs),
+        fit=requested_fit(scene, request),
         refit=replace(REFIT, accuracy=request.knobs),
         distil=replace(DISTIL, accuracy=request.knobs),
         method=method,

@@ -39,12 +39,13 @@ from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.density import DensitySettings
 from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.optimiser import LearningRates
-from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.objects.asset import Asset, read_asset
 from diga3d_warp.objects.solids import solid_of
 from diga3d_warp.objects.surface import Sight
 from diga3d_warp.perception.depth import DPT, DepthEstimator
 from diga3d_warp.pipelines import fine, imagining, marking, placing, recolouring, stages
+from diga3d_warp.pipelines.baking import publish_edit
 from diga3d_warp.pipelines.contents import everything
 from diga3d_warp.pipelines.fit import conclude
 from diga3d_warp.pipelines.free_text import FreeText, reads_free_text
@@ -148,23 +149,22 @@ def replace_object(
     )  # fmt: skip
     sights = recolouring.look_at_object(run, taken.scene.views, taken.source, taken.rows)
     if own:
-        edited = _shown(run, taken, sights, own, estimator, settings, seed)
+        _shown(run, taken, sights, own, estimator, settings, seed)
         made = "grow", taken.behind.masks
     elif asset is not None:
-        edited = _placed(run, taken, sights, asset, settings, seed)
+        _placed(run, taken, sights, asset, settings, seed)
         made = "settle", "place"
     else:
         assert words is not None
-        edited = _imagined(run, taken, sights, words, estimator, settings, seed)
+        _imagined(run, taken, sights, words, estimator, settings, seed)
         made = "distil" if method.distillation else "grow", taken.behind.masks
-    stages.show_views(run, taken.scene, taken.source, edited)
-    edited, source = stages.finish(run, *made)
-    return EditResult(edited, run, source)
+    after, before = publish_edit(run, taken.scene, *made, seed)
+    return EditResult(after, run, before)
 
 
 def _placed(
     run: Run, taken: TakenOut, sights: Sequence[Sight], asset: Asset, settings: ReplaceSettings, seed: int
-) -> Gaussians:
+) -> Representation:
     """The scene with an asset in the old object's place."""
     staged = placing.place_object(
         run, taken.scene.views, taken.scene.test_views, taken.edit_masks, taken.behind.changed, sights,
@@ -176,7 +176,7 @@ def _placed(
 def _shown(
     run: Run, taken: TakenOut, sights: Sequence[Sight], own: Fills, estimator: DepthEstimator | None,
     settings: ReplaceSettings, seed: int,
-) -> Gaussians:  # fmt: skip
+) -> Representation:  # fmt: skip
     """The scene with the object that the user's filled views show, fitted to these alone."""
     chosen = [index for index, view in enumerate(taken.scene.views) if view.name in own]
     views = [taken.scene.views[index] for index in chosen]
@@ -186,13 +186,15 @@ def _shown(
         run, views, masks, [sights[index] for index in chosen], images, taken.gaussians, estimator
     )
     references = given_references(np.stack([view.camera.center for view in views]), range(len(views)))
-    return imagining.grow(run, taken.gaussians, shown, references, taken.scene.extent, settings.grow, seed)
+    return imagining.grow(
+        run, taken.gaussians, shown, references, taken.scene.extent, settings.grow, seed, photographed=True
+    )
 
 
 def _imagined(
     run: Run, taken: TakenOut, sights: Sequence[Sight], words: FreeText, estimator: DepthEstimator | None,
     settings: ReplaceSettings, seed: int,
-) -> Gaussians:  # fmt: skip
+) -> Representation:  # fmt: skip
     """The scene with an object that a prior generates in the old object's place."""
     extent, references, views = taken.scene.extent, taken.references, taken.scene.views
     masks = [taken.edit_masks[view.name] for view in views]

@@ -11,12 +11,16 @@ from diga3d_warp.config import ACCURACIES, Accuracy
 from diga3d_warp.effects.overrides import format_overrides
 from diga3d_warp.errors import InputError
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.scaffold.settings import SCAFFOLD, ScaffoldSettings
 from diga3d_warp.pipelines.choices import Choices
 from diga3d_warp.pipelines.marking import Marks, read_marks
 from diga3d_warp.pipelines.method import Method
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import Reading, Scene
+
+REPRESENTATIONS = ("gaussians", "scaffold")
+"""What a scene can be fitted with."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,6 +35,7 @@ class FitRequest:
         image_scale: Size of the images relative to the largest of the capture, in (0, 1].
         hold_out: Every such view is kept for testing; 0 keeps none.
         iterations: Steps of the fit; None chooses by the scene.
+        representation: "gaussians", or "scaffold" for anchors that decode to gaussians (Scaffold-GS).
         accuracy: "draft", "standard" or "exact": accuracy of the fitted renderings.
         effects: Effects to force on or off by name, or the SH degree; the others are chosen from the scene.
         seed: The same scene, request and seed give the same bytes.
@@ -44,6 +49,7 @@ class FitRequest:
     image_scale: float = Reading.image_scale
     hold_out: int = Reading.hold_out
     iterations: int | None = None
+    representation: str = "gaussians"
     accuracy: str = "standard"
     effects: Mapping[str, bool | int] = field(default_factory=dict)
     seed: int = 0
@@ -55,6 +61,10 @@ class FitRequest:
                 raise InputError(f"{each.name} is empty: give a path")
         if self.accuracy not in ACCURACIES:
             raise InputError(f"accuracy {self.accuracy!r} is unknown: use one of {', '.join(ACCURACIES)}")
+        if self.representation not in REPRESENTATIONS:
+            raise InputError(
+                f"representation {self.representation!r} is unknown: use one of {', '.join(REPRESENTATIONS)}"
+            )
         asked = Reading(self.image_scale, optional_path(self.masks), self.hold_out, tuple(self.mask_ids))
         if isinstance(self.scene, Scene) and asked not in (Reading(), self.scene.reading):
             raise InputError(
@@ -66,6 +76,11 @@ class FitRequest:
     def knobs(self) -> Accuracy:
         """The settings that `accuracy` names."""
         return ACCURACIES[self.accuracy]
+
+    @property
+    def scaffold(self) -> ScaffoldSettings | None:
+        """Settings of anchors, if the scene is to be fitted with these."""
+        return SCAFFOLD if self.representation == "scaffold" else None
 
     def load(self) -> Scene:
         """Read the scene, unless it was given as a scene.
@@ -108,6 +123,8 @@ class FitRequest:
             "effects": format_overrides(self.effects),
             **further,
         }
+        if self.scaffold is not None:
+            settings["representation"] = self.representation
         return Run(Path(self.out), command, settings, resume=self.resume)
 
 

@@ -38,8 +38,9 @@ from diga3d_warp.objects.diffusion_repaint import DiffusionRepainter
 from diga3d_warp.objects.picture import chosen_material
 from diga3d_warp.objects.repaint import MaterialRepainter, Repainter
 from diga3d_warp.pipelines import clearing, fine, marking, mask_propagation, recolouring, stages
+from diga3d_warp.pipelines.baking import publish_edit
 from diga3d_warp.pipelines.contents import everything
-from diga3d_warp.pipelines.fit import conclude, fit_settings
+from diga3d_warp.pipelines.fit import conclude, requested_fit
 from diga3d_warp.pipelines.free_text import FreeText, check_built_in, reads_free_text
 from diga3d_warp.pipelines.marking import OWN_MASKS, Marks
 from diga3d_warp.pipelines.method import WARPED, Method
@@ -129,7 +130,7 @@ def retexture_object(
     source = stages.fit_source(run, scene, settings.fit, seed)
     scene = stages.correct_exposure(run, scene)
     object_masks = mask_propagation.propagate_masks(run, scene, source, marks, settings.lift)
-    rows, _ = clearing.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
+    source, rows, _ = clearing.lift_object(run, scene, object_masks, source, settings.lift, settings.masking)
     views = scene.views
     sights = recolouring.look_at_object(run, views, source, rows)
     references = stages.choose_references(run, views, [sight.touched for sight in sights], method, seed)
@@ -145,9 +146,8 @@ def retexture_object(
             references, words.prior, words.guidance, method, scene.extent, settings.distil, seed,
         )  # fmt: skip
         last = "distil"
-    stages.show_views(run, scene, source, edited)
-    edited, source = stages.finish(run, last)
-    return EditResult(edited, run, source)
+    after, before = publish_edit(run, scene, last, stages.LIFT, seed)
+    return EditResult(after, run, before)
 
 
 def _repainter(words: FreeText) -> Repainter:
@@ -196,7 +196,7 @@ def retexture(
     marks = request.marks()
     capture = request.load()
     settings = settings or RetextureSettings(
-        fit=fit_settings(capture, request.iterations, request.knobs),
+        fit=requested_fit(capture, request),
         refit=replace(RECOLOUR, accuracy=request.knobs),
         distil=replace(DISTIL, accuracy=request.knobs),
         method=method,

@@ -25,6 +25,9 @@ from diga3d_warp.gaussians.exposure import exposure_corrected
 from diga3d_warp.gaussians.fit import FitResult, FitSettings, fit
 from diga3d_warp.gaussians.initialise import initialise
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
+from diga3d_warp.gaussians.scaffold.initialise import initial_anchors
+from diga3d_warp.gaussians.storage import load
 from diga3d_warp.gaussians.surround import beyond, surround_of
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.gaussians.thinning import thinned
@@ -151,8 +154,8 @@ def decide(run: Run, choice: Choice) -> None:
     run.record("effects", plan.as_json())
 
 
-def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaussians:
-    """Fit the splat of the capture; the splat of a capture that has one is taken instead."""
+def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Representation:
+    """Fit gaussians or anchors to the capture; the splat of a capture that has one is taken instead."""
 
     def compute(folder: Path) -> None:
         if scene.splat is not None:
@@ -177,7 +180,10 @@ def fit_source(run: Run, scene: Scene, settings: FitSettings, seed: int) -> Gaus
                 "space: as many as its budget of gaussians"
             )
         coefficients = coefficient_count(run.effects.sh_degree)
-        start, shell = initialise(points, coefficients), None
+        start: Representation = initialise(points, coefficients)
+        if settings.scaffold is not None:
+            start = initial_anchors(points, scene.extent, settings.budget, settings.scaffold)
+        shell = None
         if run.effects.surround:
             shell = surround_of(
                 [view.camera for view in scene.views], [view.pixels for view in scene.views],
@@ -282,23 +288,24 @@ def show_views(run: Run, scene: Scene, before: Gaussians | None, after: Gaussian
     _publish_pictures(run, run.stage("views", compute), "views")
 
 
-def finish(run: Run, result: str, masks: str = LIFT) -> tuple[Gaussians, Gaussians]:
+def finish(run: Run, result: str, masks: str = LIFT, source: str = "fit") -> tuple[Gaussians, Gaussians]:
     """Publish the splats, in the user's world, and the masks of a run.
 
     Args:
         run: The run.
-        result: The stage that made the final splat.
+        result: The stage that made the final splat, of gaussians.
         masks: The stage that made the masks of all that was edited.
+        source: The stage that made the splat before the edit; `result` if there was none.
 
     Returns:
         The final splat and the one before the edit, which for a fit is the same.
     """
-    if result == "fit":
+    if result == source:
         fitted = _publish_splat(run, result, RESULT)
         return fitted, fitted
     _publish_pictures(run, run.folder / "stages" / masks / "masks", "masks")
-    source = _publish_splat(run, "fit", SOURCE)
-    return _publish_splat(run, result, RESULT), source
+    before = _publish_splat(run, source, SOURCE)
+    return _publish_splat(run, result, RESULT), before
 
 
 def _publish_splat(run: Run, stage: str, name: str) -> Gaussians:
@@ -315,8 +322,23 @@ def _publish_splat(run: Run, stage: str, name: str) -> Gaussians:
 
 def shell_of(run: Run) -> Gaussians | None:
     """The surround of the run's splat, if it has one."""
-    shell = run.folder / "stages" / "fit" / SHELL
+    return shell_in(run.folder)
+
+
+def shell_in(folder: Path) -> Gaussians | None:
+    """The surround of the splat in a run folder, if it has one."""
+    shell = folder / "stages" / "fit" / SHELL
     return Gaussians.load_ply(shell, every_row=True) if shell.is_file() else None
+
+
+def over_shell(
+    splat: Representation, shell: Gaussians | None, camera: Camera, effects: Effects
+) -> np.ndarray:
+    """A rendering of gaussians or anchors before the surround, if there is one, shape (H, W, 3), uint8."""
+    drawn = splat.seen_from(camera)
+    if shell is not None:
+        drawn = drawn.joined(replace(shell, sh=shell.sh[:, : drawn.coefficients]))
+    return picture(drawn, camera, effects)
 
 
 def _surrounded(run: Run, gaussians: Gaussians) -> Gaussians:
@@ -337,16 +359,16 @@ def picture(gaussians: Gaussians, camera: Camera, effects: Effects) -> np.ndarra
     return to_bytes(seen.color)
 
 
-def fitted(run: Run, name: str, compute: Callable[[Path], None]) -> Gaussians:
+def fitted(run: Run, name: str, compute: Callable[[Path], None]) -> Representation:
     """Run a stage that ends with `keep_fit`, and show its curve in the report."""
     folder = run.stage(name, compute)
     run.add_metrics(name, dict(read_state(folder / CURVE, CurveRecord)))
-    return Gaussians.load_ply(folder / GAUSSIANS, every_row=True)
+    return load(folder)
 
 
 def keep_fit(run: Run, folder: Path, result: FitResult) -> None:
     """Write the result of a fit into the folder of its stage, and delete the checkpoint."""
-    result.gaussians.save_ply(folder / GAUSSIANS, antialiased=run.effects.antialias)
+    result.gaussians.save(folder, antialiased=run.effects.antialias)
     write_json(folder / CURVE, {"curve": result.curve})
     if result.exposures is not None:
         write_array(folder / EXPOSURES, result.exposures)

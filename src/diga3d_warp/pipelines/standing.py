@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from diga3d_warp.gaussians.lift import LiftSettings, object_mask
-from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.pipelines.clearing import Masks, MaskSettings, widened
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.propagation.unseen import OPAQUE
@@ -53,7 +53,7 @@ class Masked:
         run: With the effects with which gaussians are rendered.
         scene: The capture.
         edit_masks: Of all views.
-        source: The splat, N gaussians.
+        source: The splat, N gaussians or anchors.
         rows: Those of the object, shape (N,).
         lift: When a gaussian belongs to what is masked, and where it is in the way.
         masking: Dilation of the masks.
@@ -63,7 +63,7 @@ class Masked:
     run: Run
     scene: Scene
     edit_masks: Masks
-    source: Gaussians
+    source: Representation
     rows: torch.Tensor
     lift: LiftSettings
     masking: MaskSettings
@@ -90,7 +90,7 @@ class Masked:
 
         beside = resized(image or {view.name: np.zeros_like(self.edit_masks[view.name]) for view in chosen})
 
-        def photos(masks: Sequence[np.ndarray], left: Gaussians) -> list[Photo]:
+        def photos(masks: Sequence[np.ndarray], left: Representation) -> list[Photo]:
             whole = [mask | more for mask, more in zip(masks, beside, strict=True)]
             return _photos(self.run, chosen, small, whole, left)
 
@@ -115,8 +115,8 @@ class Masked:
         return widened(widened(shown, self.masking), self.masking)
 
 
-def solid_of(gaussians: Gaussians) -> Solid:
-    """Gaussians as points."""
+def solid_of(gaussians: Representation) -> Solid:
+    """Gaussians or anchors as points."""
     return Solid(
         gaussians.means.double().numpy(),
         np.sort(gaussians.scales.numpy(), axis=1)[:, 1],
@@ -137,7 +137,11 @@ def _resized(mask: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _photos(
-    run: Run, views: Sequence[View], cameras: Sequence[Camera], masks: Sequence[np.ndarray], left: Gaussians
+    run: Run,
+    views: Sequence[View],
+    cameras: Sequence[Camera],
+    masks: Sequence[np.ndarray],
+    left: Representation,
 ) -> list[Photo]:
     import cv2
 

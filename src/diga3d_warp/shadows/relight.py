@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from diga3d_warp.gaussians.parameters import Gaussians
-from diga3d_warp.kernels.harmonics import C0
+from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.materials.painting import GAMMA
 from diga3d_warp.propagation.unseen import OPAQUE
 from diga3d_warp.scene.scene import View
@@ -79,12 +78,12 @@ def relit(colors: np.ndarray, ratio: np.ndarray) -> np.ndarray:
 
 
 def relit_gaussians(
-    gaussians: Gaussians, shadow: Shadow, settings: ShadowSettings = SHADOWS
-) -> tuple[Gaussians, torch.Tensor]:
-    """Gaussians on the support with the shadow taken from their colours.
+    gaussians: Representation, shadow: Shadow, settings: ShadowSettings = SHADOWS
+) -> tuple[Representation, torch.Tensor]:
+    """Gaussians or anchors on the support with the shadow taken from their colours.
 
     Args:
-        gaussians: N gaussians.
+        gaussians: N gaussians or anchors.
         shadow: On the support.
         settings: What counts as shaded.
 
@@ -107,10 +106,4 @@ def relit_gaussians(
     changed = near & (ratio.mean(axis=1) < settings.shaded)
     factor = np.maximum(ratio[changed], settings.black) ** (-1.0 / GAMMA)
     rows = torch.from_numpy(changed)
-    relit_rows = gaussians.detached()
-    scale = torch.from_numpy(factor).to(relit_rows.sh)
-    # Harmonics are offsets from mid-grey: colour = 0.5 + C0 * first + ...
-    sh = relit_rows.sh[rows] * scale[:, None]
-    sh[:, 0] += 0.5 * (scale - 1.0) / C0
-    relit_rows.sh[rows] = sh
-    return relit_rows, rows
+    return gaussians.brightened(rows, torch.from_numpy(factor)), rows

@@ -15,7 +15,7 @@ from diga3d_warp.splatting.project import Projection, project
 from diga3d_warp.splatting.shade import degree_of, shade
 
 if TYPE_CHECKING:
-    from diga3d_warp.gaussians.parameters import Gaussians
+    from diga3d_warp.gaussians.representation import Representation
 
 
 class Rendering(NamedTuple):
@@ -41,14 +41,14 @@ class Rendering(NamedTuple):
 
 
 def render(
-    gaussians: Gaussians,
+    scene: Representation,
     camera: Camera,
     *,
     effects: Effects = Effects(),
     accuracy: Accuracy = Accuracy.STANDARD,
     background: Sequence[float] | torch.Tensor = (0.0, 0.0, 0.0),
 ) -> Rendering:
-    """Render gaussians from a camera.
+    """Render gaussians, or anchors that decode to gaussians, from a camera.
 
     Gradients reach every parameter of the gaussians, the background, `camera.world_to_camera` and
     `camera.intrinsics`. Results are in the accuracy's precision.
@@ -58,7 +58,8 @@ def render(
     origin were rounded before: shift such a scene to the origin.
 
     Args:
-        gaussians: N gaussians, on CPU or CUDA.
+        scene: N gaussians, on CPU or CUDA, or anchors. The projection's rows are the gaussians of
+            `scene.seen_from(camera)`.
         camera: Pinhole or with lens distortion, which is applied inside the projection.
         effects: Effects to simulate; those that are off cost nothing. Without depth, `depth` is zero.
         accuracy: Accuracy settings. Images have the gaussians' type, whatever the kernels' precision.
@@ -68,6 +69,7 @@ def render(
     Raises:
         ValueError: the coefficients' shape is not one of degree 0 to 3.
     """
+    gaussians = scene.seen_from(camera)
     degree = degree_of(gaussians.sh)
     if effects.sh_degree is not None:
         degree = min(degree, effects.sh_degree)
