@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from diga3d_warp.cli.parsing import Commands, path, positive_int, size
+from diga3d_warp.cli.parsing import Commands, path, positive_int, scale, seed, size
 from diga3d_warp.errors import InputError
 from diga3d_warp.scene.synthetic.situations.catalogue import SITUATIONS
 
@@ -96,6 +96,31 @@ def add_benchmarks(commands: Commands) -> None:
         "--size", type=size, default=(160, 120), metavar="WxH", help="of the captures (default 160x120)"
     )
     _add_count(fill, "--views", 16, "views of a capture, every 4th held out")
+    representation = _add(
+        benchmarks,
+        "representation",
+        _representation,
+        "anchors (Scaffold-GS) against plain gaussians",
+        "Fit captures with anchors and with gaussians for the same time, and remove the object of those that "
+        "have masks. If interrupted, it goes on where it was.",
+    )
+    representation.add_argument(
+        "scenes", nargs="+", type=path, metavar="SCENE", help="folder of a capture, with masks or without"
+    )
+    representation.add_argument(
+        "--iterations", type=positive_int, metavar="N", help="of the gaussians' fit (default: by the views)"
+    )
+    representation.add_argument(
+        "--image-scale", type=scale, default=1.0, metavar="S", help="image size (default 1)"
+    )
+    representation.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default 0)")
+    representation.add_argument(
+        "--work",
+        type=path,
+        default=Path("run/bench_representation"),
+        metavar="DIR",
+        help="folder of the runs; what it holds is not run again (default run/bench_representation)",
+    )
 
 
 def _add_captures(benchmark: argparse.ArgumentParser, usual: Sequence[str], work: str) -> None:
@@ -229,4 +254,18 @@ def _fill(
     for table in bench_fill(out, work, captures):
         print(table.text())
     print(out / "fill.md")
+    return 0
+
+
+def _representation(
+    scenes: Sequence[Path], out: Path, work: Path, iterations: int | None, image_scale: float, seed: int
+) -> int:
+    from diga3d_warp.bench.representation import bench_representation
+
+    tables = bench_representation(
+        scenes, out, work, iterations=iterations, image_scale=image_scale, seed=seed
+    )
+    for table in tables:
+        print(table.text())
+    print(out / "representation.md")
     return 0
