@@ -123,6 +123,9 @@ def test_a_sweep_of_fits(in_process, scene, tmp_path, capsys):
         ),
         ("experiment table1 --data data --out out --no-ray --gpus 0.5", "without Ray each job sees one GPU"),
         ("experiment table2 --data data --out out --edits none.yaml", "table2 needs none.yaml"),
+        ("experiment table1 --data data --out out --votes a.json", "only table2 reads --votes"),
+        ("experiment table1 --data data --out out --edits a.yaml", "only table2 and table5 read --edits"),
+        ("experiment table1 --data data --prior models/none --out out", "no prior or folder"),
         ("sweep none.yaml --out out", "none.yaml cannot be read"),
     ],
 )

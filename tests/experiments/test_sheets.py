@@ -244,3 +244,21 @@ def test_a_finished_job_that_is_measured_again_keeps_its_run(tmp_path):
     (again,) = run_jobs([job], tmp_path, LocalCrew(), quick_work, lambda *_: True).values()
     assert again["error"] is None
     assert {path.name: path.stat().st_mtime_ns for path in folder.run.iterdir()} == before
+
+
+def test_the_share_of_a_study_stands_beside_its_prior(data, monkeypatch, capsys):
+    from diga3d_warp.study import tally as study
+
+    def tally(paths):
+        shares = {"exemplar": study.Share(3, 4, 0.3, 0.95), "lama": study.Share(1, 4, 0.05, 0.7)}
+        return study.Tally(4, shares, [], shares, [f"not counted: {paths[0]} was edited"])
+
+    monkeypatch.setattr(study, "tally", tally)
+    experiment = Experiment(data, priors=["exemplar", "/weights/other"], votes=[Path("a.json")])
+    (sheet,) = experiment.sheets(["table2"])
+    assert "note: not counted: a.json was edited" in capsys.readouterr().err
+    outcomes = {job.name: outcome(1.0) for job in sheet.jobs}
+    shares = column(sheet.main(outcomes), "re-texturing user study [%]")
+    assert shares["diga3d-warp, exemplar"] == "75.00" and shares["diga3d-warp, other"] == "not measured"
+    assert shares["GaussCtrl"] == "12.97"
+    assert "4 votes of 4 participants" in [table.title for table in sheet.tables(outcomes)]

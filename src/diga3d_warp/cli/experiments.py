@@ -130,22 +130,30 @@ def _experiment(
     weights: Path | None,
     **machines: Any,
 ) -> int:
+    from diga3d_warp.experiments.options import placed_prior
     from diga3d_warp.experiments.paper import Experiment
     from diga3d_warp.experiments.scenes import check_apart, packed_scenes
     from diga3d_warp.pipelines.run import say
 
+    chosen = tuple(dict.fromkeys(placed_prior(prior, Path()) for prior in priors or ["exemplar"]))
     options: dict[str, Any] = {"seed": seed, "accuracy": accuracy}
     options |= {} if iterations is None else {"iterations": iterations}
     options |= {} if image_scale is None else {"image_scale": image_scale}
     experiment = Experiment(
-        data, scenes, tuple(dict.fromkeys(priors or ["exemplar"])), options,
+        data, scenes, chosen, options,
         "published" if image_scale is None else None,
         None if weights is None else str(weights.resolve()), edits, votes,
     )  # fmt: skip
     check_apart(machines["out"], data)
+    sheets = experiment.sheets(names)
+    read = {sheet.name for sheet in sheets}
+    if votes and "table2" not in read:
+        raise InputError("only table2 reads --votes: name it, too, or leave them out")
+    if edits is not None and not read & {"table2", "table5"}:
+        raise InputError("only table2 and table5 read --edits: name one, too, or leave it out")
     if packed := packed_scenes(data):
         say(f"note: {data} holds archives, which are not read: unpack {', '.join(packed)} for their scenes")
-    return _run(experiment.sheets(names), **machines)
+    return _run(sheets, **machines)
 
 
 def _sweep(plan: Path, **machines: Any) -> int:

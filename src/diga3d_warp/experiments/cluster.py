@@ -70,7 +70,9 @@ class RayCrew:
             task = ray.remote(
                 num_cpus=self.threads, num_gpus=self.gpus, max_calls=1, max_retries=ATTEMPTS - 1
             )(_worker)
-            pending = {task.remote(str(folder.path), work, self.threads): folder for folder in folders}
+            pending = {
+                task.remote(str(folder.path.resolve()), work, self.threads): folder for folder in folders
+            }
             while pending:
                 tick()
                 done, _ = ray.wait(list(pending), num_returns=1, timeout=TICK)

@@ -65,7 +65,8 @@ def check_jobs(jobs: Sequence[Job]) -> None:
 
     seen = set()
     for job in jobs:
-        described = f"{job.command} {sorted(job.options.items())}"
+        alike = {name: value for name, value in job.options.items() if name not in ("prompt", "seed")}
+        described = f"{job.command} {sorted(alike.items())}"
         if described in seen:
             continue
         seen.add(described)
@@ -107,8 +108,14 @@ def _placed(name: str, value: Any, hint: Any, folder: Path) -> Any:
     if not isinstance(value, str):
         return value
     path_only = Path in get_args(hint)
-    a_folder = name == "prior" and ("/" in value or "\\" in value or value.endswith(".onnx"))
-    return _absolute(value, folder) if path_only or a_folder else value
+    if name == "prior":
+        return placed_prior(value, folder)
+    return _absolute(value, folder) if path_only else value
+
+
+def placed_prior(value: str, folder: Path) -> str:
+    """A prior as `load_prior` takes it, absolute if it is a folder or a file: workers may run elsewhere."""
+    return _absolute(value, folder) if "/" in value or "\\" in value or value.endswith(".onnx") else value
 
 
 def _placed_fill(value: str, folder: Path) -> str:

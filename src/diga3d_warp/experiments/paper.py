@@ -127,7 +127,7 @@ class Experiment:
     ) -> list[Row]:
         return [
             Row(
-                f"diga3d-warp, {prior}{name and ', '}{name}",
+                f"diga3d-warp, {_label(prior)}{name and ', '}{name}",
                 [self._removal(s, prior, size, **options) for s in scenes],
             )
             for prior in self.priors
@@ -148,9 +148,9 @@ class Experiment:
         further, shares = self._study()
         rows = [
             Row(
-                f"diga3d-warp, {prior}",
+                f"diga3d-warp, {_label(prior)}",
                 self._edits(prior),
-                {columns[1].head: shares[prior]} if prior in shares else None,
+                {columns[1].head: shares[_label(prior)]} if _label(prior) in shares else None,
             )
             for prior in self.priors
         ]
@@ -201,7 +201,7 @@ class Experiment:
         scenes, edits = find_scenes(self.data, self.scenes), self.edits_file.is_file()
         rows = [
             Row(
-                f"diga3d-warp, {prior}",
+                f"diga3d-warp, {_label(prior)}",
                 [
                     *(self._removal(scene, prior) for scene in scenes),
                     *(job for job in (self._edits(prior) if edits else []) if job.command == "replace"),
@@ -267,3 +267,8 @@ class Experiment:
             name: f"{100 * share.votes / share.of:.2f}" for name, share in result.methods.items() if share.of
         }
         return list(result.tables()), shares
+
+
+def _label(prior: str) -> str:
+    """A prior in tables: the name of its folder, not where that lies."""
+    return Path(prior).name or prior

@@ -13,6 +13,8 @@ from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
 from multiprocessing.context import SpawnProcess
 
+from tqdm import tqdm
+
 from diga3d_warp.experiments.job import LOG, JobFolder
 from diga3d_warp.experiments.run import ATTEMPTS, Ended
 from diga3d_warp.experiments.work import Work, attempt
@@ -87,6 +89,7 @@ def _worker(path: str, work: Work, threads: int, gpu: int | None) -> None:
     )  # a terminal sends it to the driver, too, which ends this one
     threading.Thread(target=_end_with_driver, daemon=True).start()
     tune_process()
+    tqdm.set_lock(threading.RLock())  # its own is of all processes: when this one is killed, Python complains
     os.environ["OMP_NUM_THREADS"] = str(threads)
     if gpu is not None:
         os.environ["CUDA_VISIBLE_DEVICES"] = str(gpu)
