@@ -94,6 +94,29 @@ def test_every_experiment_has_the_columns_of_its_published_table(data):
     assert shared < {job.name for job in sheets["accuracy"].jobs}
 
 
+def test_each_prior_with_each_representation_is_a_row(data):
+    experiment = Experiment(
+        data, priors=["exemplar", "/weights/sd"], representations=["gaussians", "scaffold"], scenes=["1"]
+    )
+    (sheet,) = experiment.sheets(["table1"])
+    assert [row.method.removeprefix("diga3d-warp, ") for row in sheet.rows] == [
+        "exemplar", "exemplar, scaffold", "sd", "sd, scaffold",
+    ]  # fmt: skip
+    assert [job.options for job in sheet.jobs] == [
+        {"prior": "exemplar"},
+        {"prior": "exemplar", "representation": "scaffold"},
+        {"prior": "/weights/sd"},
+        {"prior": "/weights/sd", "representation": "scaffold"},
+    ]
+
+
+def test_an_edit_may_have_an_image_size_of_its_own(data):
+    edit = "edits: [{scene: 2, command: replace, options: {prompt: a, image_scale: 0.5}}]"
+    (data / "edits.yaml").write_text(edit)
+    (job,) = Experiment(data).sheets(["table2"])[0].jobs
+    assert job.size is None and job.options["image_scale"] == 0.5
+
+
 def test_published_figures_are_those_of_the_paper():
     best = {row.method: row.cells for row in published.TABLE1}["DiGA3D"]
     assert (best["PSNR ↑"], best["masked PSNR ↑"], best["masked LPIPS ↓"]) == ("20.71", "17.22", "0.56")

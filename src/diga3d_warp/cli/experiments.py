@@ -49,6 +49,13 @@ def add_experiments(commands: Commands) -> None:
         help="a prior, as the edits take it; rows of each table for each (repeatable, default exemplar)",
     )
     experiment.add_argument(
+        "--representation",
+        dest="representations",
+        action="append",
+        choices=["gaussians", "scaffold"],
+        help="what is fitted, as in the edits; rows for each (repeatable, default gaussians)",
+    )
+    experiment.add_argument(
         "--image-scale",
         type=scale,
         metavar="S",
@@ -121,6 +128,7 @@ def _experiment(
     data: Path,
     scenes: Sequence[str],
     priors: list[str] | None,
+    representations: list[str] | None,
     image_scale: float | None,
     iterations: int | None,
     accuracy: str,
@@ -140,7 +148,7 @@ def _experiment(
     options |= {} if iterations is None else {"iterations": iterations}
     options |= {} if image_scale is None else {"image_scale": image_scale}
     experiment = Experiment(
-        data, scenes, chosen, options,
+        data, scenes, chosen, tuple(dict.fromkeys(representations or ["gaussians"])), options,
         "published" if image_scale is None else None,
         None if weights is None else str(weights.resolve()), edits, votes,
     )  # fmt: skip

@@ -32,8 +32,10 @@ TABLE4_SCENE = "1"
 TABLE4_SIDE = 512
 """Short side of the images [px]. The paper's 512 x 904 are 512 x 910 px, cut to a multiple of 8."""
 
-ACCURACY = "standard"
-"""Accuracy that runs have by default."""
+OURS = "diga3d-warp"
+
+ACCURACY, REPRESENTATION = "standard", "gaussians"
+"""What runs have by default."""
 
 PSNR, SSIM = Column("PSNR ↑", "PSNR"), Column("SSIM ↑", "SSIM", digits=4)
 LPIPS = Column("LPIPS ↓", "LPIPS (VGG)", digits=4)
@@ -75,7 +77,7 @@ class Experiment:
     Attributes:
         data: Folder of the scenes.
         scenes: Names of the scenes to take; all if empty.
-        priors: Priors, a row of each table for each.
+        priors, representations: A row of each table for each prior with each representation.
         options: Options of all jobs, as attributes of `EditRequest`.
         size: Image size of all jobs but table4's.
         weights: Folder with the weights of the metrics.
@@ -86,6 +88,7 @@ class Experiment:
     data: Path
     scenes: Sequence[str] = ()
     priors: Sequence[str] = ("exemplar",)
+    representations: Sequence[str] = (REPRESENTATION,)
     options: Mapping[str, Any] = field(default_factory=dict)
     size: Size = "published"
     weights: str | None = None
@@ -113,8 +116,20 @@ class Experiment:
         """File of the edits of table2."""
         return self.data / EDITS if self.edits is None else self.edits
 
-    def _removal(self, scene: Path, prior: str, size: Size = None, **options: Any) -> Job:
-        chosen = {**self.options, "prior": prior, **options}
+    @property
+    def methods(self) -> dict[str, Mapping[str, Any]]:
+        """Options of each prior with each representation, by their name in tables."""
+        found: dict[str, Mapping[str, Any]] = {}
+        for prior in self.priors:
+            for representation in self.representations:
+                name, options = Path(prior).name or prior, {"prior": prior}
+                if representation != REPRESENTATION:
+                    name, options = f"{name}, {representation}", {**options, "representation": representation}
+                found[name] = options
+        return found
+
+    def _removal(self, scene: Path, method: Mapping[str, Any], size: Size = None, **options: Any) -> Job:
+        chosen = {**self.options, **method, **options}
         if chosen.get("accuracy") == ACCURACY:  # said or not, it is the same job
             del chosen["accuracy"]
         return Job(
@@ -127,10 +142,10 @@ class Experiment:
     ) -> list[Row]:
         return [
             Row(
-                f"diga3d-warp, {_label(prior)}{name and ', '}{name}",
-                [self._removal(s, prior, size, **options) for s in scenes],
+                f"{OURS}, {label}{name and ', '}{name}",
+                [self._removal(scene, method, size, **options) for scene in scenes],
             )
-            for prior in self.priors
+            for label, method in self.methods.items()
             for name, options in variants.items()
         ]
 
@@ -148,11 +163,11 @@ class Experiment:
         further, shares = self._study()
         rows = [
             Row(
-                f"diga3d-warp, {_label(prior)}",
-                self._edits(prior),
-                {columns[1].head: shares[_label(prior)]} if _label(prior) in shares else None,
+                f"{OURS}, {label}",
+                self._edits(method),
+                {columns[1].head: shares[label]} if label in shares else None,
             )
-            for prior in self.priors
+            for label, method in self.methods.items()
         ]
         notes = [
             NOT_COMPARABLE,
@@ -201,13 +216,13 @@ class Experiment:
         scenes, edits = find_scenes(self.data, self.scenes), self.edits_file.is_file()
         rows = [
             Row(
-                f"diga3d-warp, {_label(prior)}",
+                f"{OURS}, {label}",
                 [
-                    *(self._removal(scene, prior) for scene in scenes),
-                    *(job for job in (self._edits(prior) if edits else []) if job.command == "replace"),
+                    *(self._removal(scene, method) for scene in scenes),
+                    *(job for job in (self._edits(method) if edits else []) if job.command == "replace"),
                 ],
             )
-            for prior in self.priors
+            for label, method in self.methods.items()
         ]
         notes = [
             NOT_COMPARABLE,
@@ -221,8 +236,8 @@ class Experiment:
         columns = (*QUALITY, *MASKED, Column("time", COSTS))
         return Sheet("accuracy", "Accuracy of the renderer, removal", columns, rows)
 
-    def _edits(self, prior: str) -> list[Job]:
-        """The jobs of the edits file with a prior."""
+    def _edits(self, method: Mapping[str, Any]) -> list[Job]:
+        """The jobs of the edits file with a prior and a representation."""
         path = self.edits_file
         data = read_yaml(path, EditsFile)
         if not data["edits"]:
@@ -244,10 +259,11 @@ class Experiment:
             own = checked_options(path, entry["command"], entry.get("options", {}))
             if not any(own.get(key) for key in ("prompt", "exemplar", "asset")):
                 raise InputError(f"{path}: {place}its options name no prompt, exemplar or asset: give one")
-            options = in_scene({**self.options, "prior": prior, **own}, scenes[name])
+            options = in_scene({**self.options, **method, **own}, scenes[name])
+            size = None if "image_scale" in own else self.size
             jobs.append(
                 Job(
-                    entry["command"], str(scenes[name]), options, self.size, entry.get("source_prompt"),
+                    entry["command"], str(scenes[name]), options, size, entry.get("source_prompt"),
                     entry.get("edit_prompt"), self.weights,
                 )
             )  # fmt: skip
@@ -267,8 +283,3 @@ class Experiment:
             name: f"{100 * share.votes / share.of:.2f}" for name, share in result.methods.items() if share.of
         }
         return list(result.tables()), shares
-
-
-def _label(prior: str) -> str:
-    """A prior in tables: the name of its folder, not where that lies."""
-    return Path(prior).name or prior
