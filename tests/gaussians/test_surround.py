@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import torch
 
+from diga3d_warp.config import Effects
 from diga3d_warp.gaussians.fit import FitSettings, fit
 from diga3d_warp.gaussians.initialise import round_gaussians
-from diga3d_warp.gaussians.surround import SURROUND, behind_view, beyond, sphere, surround_of
+from diga3d_warp.gaussians.surround import SURROUND, behind_view, beyond, render_before, sphere, surround_of
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.scene.camera import Camera, look_at
 from diga3d_warp.splatting.render import render
@@ -111,6 +112,31 @@ def test_a_fit_sees_the_shell_wherever_it_lets_light_through():
     behind = [render(each.joined(shell), cameras[1]).color for each in (with_shell, without)]
     errors = [float((each - 0.6).square().mean()) for each in behind]
     assert errors[0] < 0.7 * errors[1]
+
+
+def test_a_splat_is_shown_over_the_shell_with_its_own_depth(shell):
+    splat, eye = wall(0.3), camera((1.0, 0.0, 0.0))
+    splat.sh = torch.nn.functional.pad(splat.sh, (0, 0, 0, 3))
+    effects = Effects(depth=True)
+    alone, shown = (render_before(each, splat, eye, effects) for each in (None, shell))
+    assert torch.equal(shown.alpha, alone.alpha) and torch.equal(shown.depth, alone.depth)
+    assert 0.2 < float(shown.alpha.mean()) < 0.99
+    joined = render(splat.joined(shell), eye).color
+    assert float((shown.color - joined).abs().max()) < 0.02 < float((alone.color - joined).abs().max())
+
+
+def test_a_guide_sees_the_shell(shell):
+    seen = []
+
+    def guide(image, done, generator):
+        seen.append(image.detach())
+        return 0.0 * image.sum()
+
+    eye = camera((1.0, 0.0, 0.0))
+    target = Target(eye, torch.full((48, 48, 3), 0.6), guide=guide)
+    fit(wall(0.3), [target], 1.0, FitSettings(iterations=1, budget=0, coarse_part=0.0), surround=shell)
+    shown = render_before(shell, wall(0.3), eye, Effects()).color
+    assert float((seen[0] - shown).abs().max()) < 0.01
 
 
 def test_it_grows_with_the_splat(shell):

@@ -16,6 +16,7 @@ from diga3d_warp.objects.surface import fuse
 from diga3d_warp.scene.camera import look_at
 from diga3d_warp.scene.scene import Points
 from diga3d_warp.splatting.render import render
+from diga3d_warp.surfaces.planes import Plane
 
 EVEN = Light(np.zeros(9), 0.9)
 """The same light from all around."""
@@ -68,6 +69,22 @@ def test_a_textured_cloth_beside_the_object_does_not_outvote_the_floor(surface):
     place = find_place(surface, ring(), floor(count=400).joined(textured))
     assert place.supported
     assert place.frame.origin[2] == pytest.approx(CENTER[2] - RADIUS, abs=0.03)
+
+
+@pytest.mark.parametrize("height", [-0.05, 0.1])
+def test_a_plane_that_photographs_tell_is_the_support(surface, height):
+    """On a glossy floor the gaussians lie below it, and a mirror image puts the object's base too low."""
+    foot = CENTER[2] - RADIUS
+    upside_down = Plane(np.array([0.0, 0.0, -1.0]), -(foot + height), np.zeros((0, 3)))
+    wall = Plane(np.array([1.0, 0.0, 0.0]), CENTER[0], np.zeros((0, 3)))
+    place = find_place(surface, ring(), floor(), told=[wall, upside_down])
+    assert place.supported and place.told == 1
+    assert place.frame.origin[2] == pytest.approx(foot + height, abs=1e-6)
+    assert place.frame.axes[2] @ [0.0, 0.0, 1.0] == pytest.approx(1.0)
+    far = Plane(np.array([0.0, 0.0, 1.0]), foot - 3.0, np.zeros((0, 3)))
+    elsewhere = find_place(surface, ring(), floor(), told=[far, wall])
+    assert elsewhere.told is None
+    assert elsewhere.frame.origin[2] == pytest.approx(foot, abs=0.06)
 
 
 def test_without_a_floor_the_place_is_at_the_base(surface):

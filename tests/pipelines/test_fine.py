@@ -11,6 +11,7 @@ from tiny_removal import SETTINGS
 
 from diga3d_warp.config import Effects
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.surround import render_before
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.pipelines import coarse, fine
 from diga3d_warp.pipelines.method import PAPER
@@ -69,12 +70,12 @@ def test_guides_hold_no_renderings(monkeypatch):
     alive, most = weakref.WeakSet(), []
 
     def watched(*arguments, **options):
-        rendering = render(*arguments, **options)
+        rendering = render_before(*arguments, **options)
         alive.add(rendering.alpha)
         most.append(len(alive))
         return rendering
 
-    monkeypatch.setattr(fine, "render", watched)
+    monkeypatch.setattr(fine, "render_before", watched)
     camera = camera_at(width=32, height=24)
     targets = [Target(camera, torch.zeros(24, 32, 3, dtype=torch.uint8)) for _ in range(8)]
     masks = [np.ones((24, 32), bool) for _ in targets]

@@ -17,7 +17,9 @@ from tiny_removal import FILLED, SETTINGS, stage_splat
 
 from diga3d_warp import cli
 from diga3d_warp.errors import InputError
+from diga3d_warp.files import to_bytes
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.surround import render_before
 from diga3d_warp.perception.depth import DepthEstimator
 from diga3d_warp.pipelines.free_text import FreeText
 from diga3d_warp.pipelines.imagining import Imagined, grow
@@ -26,7 +28,7 @@ from diga3d_warp.pipelines.remove import DISTIL
 from diga3d_warp.pipelines.replace import GROW, ReplaceSettings, replace_object
 from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retexture_object
 from diga3d_warp.pipelines.run import Run
-from diga3d_warp.pipelines.stages import choose_references
+from diga3d_warp.pipelines.stages import choose_references, shell_of
 from diga3d_warp.pipelines.stages import picture as picture_of
 from diga3d_warp.priors.named import load_prior
 from diga3d_warp.priors.settings import SamplingSettings
@@ -173,7 +175,8 @@ def test_around_the_masks_the_coarse_images_show_the_cleared_scene(cube, removed
     cleared = Gaussians.load_ply(cube.run.folder / "stages" / "refit" / "point_cloud.ply")
     for view in removed.working.views:
         image = picture(cube.run, f"stages/imagine/{view.name}.png")
-        before = picture_of(cleared, view.camera, cube.run.effects) / 255.0
+        over = render_before(shell_of(cube.run), cleared, view.camera, cube.run.effects)
+        before = to_bytes(over.color) / 255.0
         mask = picture(cube.run, f"masks/{view.name}.png")[..., 0] > 0.5
         assert np.array_equal(image[~mask], before[~mask])
         assert np.abs(image - before)[mask].mean() > 0.05 and image[mask].std() > 0.02

@@ -85,6 +85,17 @@ def test_what_is_unmasked_stays(golden, removed):
     assert np.mean(losses) < 0.3
 
 
+def test_the_new_object_is_composed_into_what_the_run_shows(golden, removed):
+    """The surround behind the splat, too: the short fit lets it through nearly everywhere."""
+    for view in views_of(removed):
+        cleared = picture(removed.folder, f"views/after/{view.name}.png")
+        composed = picture(golden.run.folder, f"stages/place/{view.name}.png")
+        untouched = picture(golden.run.folder, f"stages/place/masks/{view.name}.png")[..., 0] < 0.5
+        assert untouched.mean() > 0.5
+        off = np.abs(composed - cleared).max(axis=2)[untouched]
+        assert np.quantile(off, 0.97) < 0.02
+
+
 def test_only_the_object_and_what_it_shades_change(golden):
     folder = golden.run.folder / "stages"
     held = np.load(folder / "place" / "held.npy")

@@ -45,6 +45,13 @@ def views_of(removed):
     return [*removed.scene.views, *removed.scene.test_views]
 
 
+def test_the_object_is_looked_at_in_what_the_run_shows(golden, removed):
+    """The surround behind the splat, too: the short fit lets it through nearly everywhere."""
+    for view in removed.scene.views:
+        looked_at = picture(golden.run, f"stages/look/{view.name}.png")
+        assert np.abs(looked_at - picture(golden.run, f"views/before/{view.name}.png")).max() < 0.01
+
+
 def test_the_run_folder_holds_what_it_should(golden, removed):
     folder = golden.run.folder
     manifest = json.loads((folder / "manifest.json").read_text())

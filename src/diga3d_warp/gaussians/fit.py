@@ -24,10 +24,9 @@ from diga3d_warp.gaussians.optimiser import LearningRates
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.gaussians.scaffold.settings import ScaffoldSettings
-from diga3d_warp.gaussians.surround import behind_view
+from diga3d_warp.gaussians.surround import behind_view, over_shell
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.gaussians.working import to_user, to_working
-from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.working_frame import WorkingFrame
 from diga3d_warp.splatting.render import render
@@ -224,7 +223,7 @@ class _Fit:
         )
         wanted, color = target.over(behind), rendering.color
         if (shell := self.shells[index]) is not None:
-            color = color + (1.0 - rendering.alpha)[..., None] * _enlarged(shell, target.camera)
+            color = over_shell(color, rendering.alpha, shell, target.camera)
         shown = color
         if exposure is not None:
             color = exposed(color, exposure)
@@ -237,7 +236,7 @@ class _Fit:
         leaves, projection = dict(scene.named()), rendering.projection
         sources = [*leaves.values(), projection.centers]
         if target.guide is not None:
-            sources.append(rendering.color.view_as(rendering.color))  # for the gradient of the guide alone
+            sources.append(shown.view_as(shown))  # for the gradient of the guide alone
             losses["guide"] = target.guide(sources[-1], done, self.generator)
         loss = sum(losses.values(), torch.zeros(()))
         self._require_finite(losses, index)
@@ -370,11 +369,3 @@ class _Fit:
         self.learner.load_state_dict(state["learner"])
         if self.exposures:
             self.exposures.transforms = state["exposures"]
-
-
-def _enlarged(image: torch.Tensor, camera: Camera) -> torch.Tensor:
-    """A small image (h, w, 3) at the size of a camera's, shape (H, W, 3)."""
-    size = (camera.height, camera.width)
-    return torch.nn.functional.interpolate(image.permute(2, 0, 1)[None], size, mode="bilinear")[0].permute(
-        1, 2, 0
-    )

@@ -13,11 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from diga3d_warp.config import Effects
 from diga3d_warp.gaussians.initialise import round_gaussians
 from diga3d_warp.gaussians.parameters import Gaussians
+from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.splatting.optics import optics_of
-from diga3d_warp.splatting.render import render
+from diga3d_warp.splatting.render import Rendering, render
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,36 @@ def behind_view(shell: Gaussians, camera: Camera) -> torch.Tensor:
     size = max(1, round(SURROUND.rows * camera.width / camera.height)), SURROUND.rows
     with torch.no_grad():
         return render(shell, camera.resized(*size)).color
+
+
+def over_shell(
+    color: torch.Tensor, alpha: torch.Tensor, behind: torch.Tensor, camera: Camera
+) -> torch.Tensor:
+    """A rendering with the shell behind it, RGB, shape (H, W, 3).
+
+    Args:
+        color: Over nothing, shape (H, W, 3).
+        alpha: Its opacity, shape (H, W).
+        behind: From `behind_view`.
+        camera: Of the rendering.
+    """
+    size = (camera.height, camera.width)
+    large = torch.nn.functional.interpolate(behind.permute(2, 0, 1)[None], size, mode="bilinear")[0]
+    return color + (1.0 - alpha)[..., None] * large.permute(1, 2, 0)
+
+
+@torch.no_grad()
+def render_before(
+    shell: Gaussians | None, gaussians: Representation, camera: Camera, effects: Effects
+) -> Rendering:
+    """A splat as viewers show it: over the shell, or over `BACKGROUND` where photographs have alpha.
+
+    Opacity and depth are those of the splat alone. No gradients.
+    """
+    if shell is None:
+        return render(gaussians, camera, effects=effects, background=BACKGROUND)
+    seen = render(gaussians, camera, effects=effects)
+    return seen._replace(color=over_shell(seen.color, seen.alpha, behind_view(shell, camera), camera))
 
 
 def _radius(means: torch.Tensor, extent: float) -> float:

@@ -11,6 +11,7 @@ from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.objects.frame import Frame, frame_of, upward
 from diga3d_warp.objects.surface import Surface, unit
 from diga3d_warp.scene.camera import Camera
+from diga3d_warp.surfaces.planes import Plane
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,8 @@ class SupportSettings:
     Attributes:
         opacity: Least opacity of gaussians that are surface.
         reach: Distance from the object's axis within which the plane is searched [object sizes].
-        depth, rise: Search range below and above its base [object sizes].
+        depth, rise: Search range below and above its base [object sizes]. A plane that is told may lie as far
+            above it as below: an object's mirror image, taken for its foot, puts the base too low.
         tolerance: Distance from a plane that counts as on it [object sizes].
         tilt: Least cosine between plane and vertical: 20 degrees.
         trials: Number of random planes. With half of the points on the floor, it is missed with probability
@@ -53,10 +55,12 @@ class Place:
     Attributes:
         frame: On the support surface, z at right angles to it; its extent is the room that there is.
         supported: Whether a support plane was found; if not, the frame is at the old object's base.
+        told: Number of the given plane that supports it; None if gaussians tell.
     """
 
     frame: Frame
     supported: bool
+    told: int | None = None
 
     def scale(self, extent: np.ndarray) -> float:
         """Scale of an asset of this extent (3,) that fills the old object's extent without exceeding it."""
@@ -65,8 +69,9 @@ class Place:
 
 
 def find_place(
-    surface: Surface, cameras: Sequence[Camera], left: Representation, settings: SupportSettings | None = None
-) -> Place:
+    surface: Surface, cameras: Sequence[Camera], left: Representation,
+    settings: SupportSettings | None = None, told: Sequence[Plane] = (),
+) -> Place:  # fmt: skip
     """The place of an object that was taken out.
 
     Args:
@@ -74,6 +79,7 @@ def find_place(
         cameras: All that saw it.
         left: The scene without it.
         settings: Thresholds of the plane fit.
+        told: Planes that are known better than by gaussians; one near the base is the support.
     """
     settings = settings or SupportSettings()
     centers = np.stack([camera.center for camera in cameras])
@@ -86,7 +92,9 @@ def find_place(
     axes = np.minimum(np.sort(solid.scales.double().numpy(), axis=1)[:, 1:] / size, settings.widest)
     near = np.hypot(local[:, 0], local[:, 1]) < settings.reach * size
     near &= (local[:, 2] > -settings.depth * size) & (local[:, 2] < settings.rise * size)
-    plane = _plane(local[near] / size, np.pi * axes[near].prod(axis=1), settings)
+    number, plane = _told(told, old, size, settings)
+    if plane is None:
+        plane = _plane(local[near] / size, np.pi * axes[near].prod(axis=1), settings)
     if plane is None:
         return Place(old, supported=False)
     normal, offset = plane
@@ -96,7 +104,23 @@ def find_place(
     height = max(old.extent[2] - base, 0.25 * size)
     turned = np.stack([np.cross(back, upright), back, upright])
     origin = old.origin + base * old.axes[2]
-    return Place(Frame(origin, turned, np.array([*old.extent[:2], height])), supported=True)
+    return Place(Frame(origin, turned, np.array([*old.extent[:2], height])), True, number)
+
+
+def _told(
+    planes: Sequence[Plane], old: Frame, size: float, settings: SupportSettings
+) -> tuple[int | None, tuple[np.ndarray, float] | None]:
+    """The first nearly level plane near the frame's base: its number, and normal (3,) and offset [object
+    sizes] in the frame."""
+    for number, plane in enumerate(planes):
+        normal = old.axes @ plane.normal
+        offset = (plane.offset - float(plane.normal @ old.origin)) / size
+        sign = np.sign(normal[2] + 1e-12)
+        normal, offset = sign * normal, sign * offset
+        level = normal[2] > settings.tilt
+        if level and abs(offset / normal[2]) < settings.depth:
+            return number, (normal, float(offset))
+    return None, None
 
 
 def _whole(frame: Frame, centers: np.ndarray) -> Frame:

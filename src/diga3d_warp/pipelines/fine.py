@@ -11,7 +11,9 @@ import torch
 
 from diga3d_warp.config import Effects
 from diga3d_warp.gaussians.fit import FitSettings, fit
+from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.representation import Representation
+from diga3d_warp.gaussians.surround import render_before
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.method import Method
@@ -23,8 +25,6 @@ from diga3d_warp.priors.views import known_part
 from diga3d_warp.priors.windows import Windows
 from diga3d_warp.propagation.conditions import texture_geometry
 from diga3d_warp.propagation.references import References
-from diga3d_warp.scene.photographs.images import BACKGROUND
-from diga3d_warp.splatting.render import render
 
 
 def distil(
@@ -42,7 +42,6 @@ def distil(
     seed: int,
     *,
     known: Sequence[np.ndarray] | None = None,
-    photographed: bool = False,
 ) -> Representation:
     """Refine an edit by TG-SDS beside its photometric and depth losses.
 
@@ -61,16 +60,16 @@ def distil(
         seed: Seed of the fit and of the noise.
         known: Photographs that condition the prior outside the masks, shape (H, W, 3); within them they still
             show the object, which a prior may steer away from. If None, renderings of `source` do.
-        photographed: Whether the targets show the surround, as photographs do and renderings do not.
     """
 
     def compute(folder: Path) -> None:
+        shell = stages.shell_of(run)
         guided = guided_targets(
-            source, targets, masks, references, prior, guidance, method, run.effects, known
+            source, targets, masks, references, prior, guidance, method, run.effects, known, shell
         )  # fmt: skip
         result = fit(
             source, guided, extent, settings, effects=run.effects, seed=seed, held=held,
-            surround=stages.shell_of(run) if photographed else None,
+            surround=shell,
             checkpoint=folder / "checkpoint.pt", note=run.note, progress=True, label="distil",
         )  # fmt: skip
         stages.keep_fit(run, folder, result)
@@ -81,9 +80,9 @@ def distil(
 def guided_targets(
     source: Representation, targets: Sequence[Target], masks: Sequence[np.ndarray], references: References,
     prior: DiffusionPrior, guidance: Guidance, method: Method, effects: Effects,
-    known: Sequence[np.ndarray] | None,
+    known: Sequence[np.ndarray] | None, shell: Gaussians | None = None,
 ) -> list[Target]:  # fmt: skip
-    """Targets with a TG-SDS guide in each view that has a mask; arguments as `distil`.
+    """Targets with a TG-SDS guide in each view that has a mask; arguments as `distil`, and the surround.
 
     The prior is given the windows around the masks in which it filled or edited the views.
     """
@@ -92,14 +91,14 @@ def guided_targets(
         return list(targets)
     windows = Windows.around([torch.from_numpy(mask) for mask in masks], prior)
     places = dict(zip(windows.views, windows.places, strict=True))
-    depths = {j: _depth_of(source, targets[j], effects) for j in references.indices}
+    depths = {j: _depth_of(source, targets[j], effects, shell) for j in references.indices}
     guided = []
     for i, (target, seen) in enumerate(zip(targets, masks, strict=True)):
         if i not in places:
             guided.append(target)
             continue
         j = references.indices[int(references.cluster[i])]
-        color, depth = _shown(source, target, effects)
+        color, depth = _shown(source, target, effects, shell)
         mask, window = torch.from_numpy(seen), places[i]
         size = prior.native_size(*mask[window].shape)
         controls = texture_geometry(
@@ -114,14 +113,17 @@ def guided_targets(
     return guided
 
 
-@torch.no_grad()
-def _shown(source: Representation, target: Target, effects: Effects) -> tuple[torch.Tensor, torch.Tensor]:
+def _shown(
+    source: Representation, target: Target, effects: Effects, shell: Gaussians | None
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Colour (H, W, 3) and z (H, W) of the edited scene in a view."""
-    rendering = render(source, target.camera, effects=replace(effects, depth=True), background=BACKGROUND)
+    rendering = render_before(shell, source, target.camera, replace(effects, depth=True))
     return rendering.color, rendering.depth
 
 
-def _depth_of(source: Representation, target: Target, effects: Effects) -> torch.Tensor:
+def _depth_of(
+    source: Representation, target: Target, effects: Effects, shell: Gaussians | None
+) -> torch.Tensor:
     """z of a reference, shape (H, W): the fill's where there is one, the splat's elsewhere."""
-    _, splat = _shown(source, target, effects)
+    _, splat = _shown(source, target, effects, shell)
     return splat if target.depth is None else torch.where(target.depth > 0.0, target.depth, splat)

@@ -17,6 +17,7 @@ from diga3d_warp.gaussians.fit import FitSettings, fit
 from diga3d_warp.gaussians.initialise import from_image
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.representation import Representation
+from diga3d_warp.gaussians.surround import render_before
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.objects.surface import Sight
 from diga3d_warp.perception.depth import DepthEstimator
@@ -26,9 +27,7 @@ from diga3d_warp.pipelines.free_text import FreeText
 from diga3d_warp.pipelines.run import Run, sampling_bar, say
 from diga3d_warp.priors.editing import edit_views
 from diga3d_warp.propagation.references import References
-from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.scene import View
-from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_array, read_picture, read_state
 
 MEASURED = "measured.json"
@@ -158,8 +157,6 @@ def grow(
     extent: float,
     settings: FitSettings,
     seed: int,
-    *,
-    photographed: bool = False,
 ) -> Representation:
     """Gaussians where the references show the new object, fitted to all views; the scene stays.
 
@@ -171,7 +168,6 @@ def grow(
         extent: Extent of the scene [scene units].
         settings: Iterations, budget and learning rates of the fit.
         seed: Seed of the fit.
-        photographed: Whether the views show the surround, as photographs do and renderings do not.
     """
 
     def compute(folder: Path) -> None:
@@ -186,7 +182,7 @@ def grow(
         result = fit(
             start, [each.target for each in imagined], extent, settings, effects=run.effects, seed=seed,
             held=torch.arange(len(start)) < len(cleared),
-            surround=stages.shell_of(run) if photographed else None,
+            surround=stages.shell_of(run),
             checkpoint=folder / "checkpoint.pt", note=run.note,
             progress=True, label="grow",
         )  # fmt: skip
@@ -195,11 +191,10 @@ def grow(
     return stages.fitted(run, "grow", compute)
 
 
-@torch.no_grad()
 def _seen(run: Run, cleared: Representation, view: View) -> tuple[torch.Tensor, torch.Tensor]:
     """Colour (H, W, 3) and z (H, W) of the cleared scene in a view."""
     effects = replace(run.effects, depth=True)
-    rendering = render(cleared, view.camera, effects=effects, background=BACKGROUND)
+    rendering = render_before(stages.shell_of(run), cleared, view.camera, effects)
     return rendering.color.clamp(0.0, 1.0), rendering.depth
 
 

@@ -12,12 +12,15 @@ import torch
 from diga3d_warp.config import Effects
 from diga3d_warp.files import to_bytes, write_array, write_image
 from diga3d_warp.gaussians.fit import FitSettings, fit
+from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.gaussians.storage import load
+from diga3d_warp.gaussians.surround import render_before
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.materials.painting import GAMMA
 from diga3d_warp.objects.asset import Asset, MeshAsset
 from diga3d_warp.objects.frame import Frame
+from diga3d_warp.objects.gloss import decal, shown_depth
 from diga3d_warp.objects.light import Light, estimate_light
 from diga3d_warp.objects.placement import Placed, PlacedMesh, PlacedSplat
 from diga3d_warp.objects.shadow import Shadow
@@ -28,8 +31,8 @@ from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.placement import unprojected
-from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_array, read_picture, read_plane
+from diga3d_warp.surfaces.chart import Chart
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,8 @@ class _Stand:
 
 def place_object(
     run: Run, views: Sequence[View], others: Sequence[View], edit_masks: clearing.Masks,
-    changed: clearing.Masks, sights: Sequence[Sight], cleared: Representation, asset: Asset,
+    changed: clearing.Masks, sights: Sequence[Sight], cleared: Representation,
+    charts: Sequence[Chart], asset: Asset,
     settings: PlacingSettings,
 ) -> Staged:  # fmt: skip
     """Put an asset where the old object stood, with its shadow, and draw it into every view.
@@ -118,9 +122,11 @@ def place_object(
         changed: Masks of all that its removal changed, of both.
         sights: The old object in the training views.
         cleared: The scene without it.
+        charts: Surfaces behind it, filled.
         asset: The new object.
         settings: Thresholds of occlusion, support and shadow.
     """
+    glossy = [chart for chart in charts if chart.trusted and not chart.deep]
 
     def compute(folder: Path) -> None:
         surface, *apart = fuse(sights).parts()
@@ -131,26 +137,35 @@ def place_object(
             )
         around = np.concatenate([sight.shown[::7] for sight in sights])
         light = estimate_light(surface.normals, surface.colors, around)
-        place = find_place(surface, [view.camera for view in views], cleared)
+        cameras = [view.camera for view in views]
+        place = find_place(surface, cameras, cleared, told=[chart.frame.plane for chart in glossy])
+        floor = None if place.told is None else glossy[place.told]
         if not place.supported:
             run.note("no surface was found under the object; the new one stands at the height of its base")
         scale = place.scale(asset.extent)
-        effects = replace(run.effects, depth=True)
+        effects, shell = replace(run.effects, depth=True), stages.shell_of(run)
         stand = _Stand(place.frame, scale, settings)
         placed, shadow = _put(asset, place.frame, scale, light, effects)
-        looks = [placed.look(view.camera) for view in views]
+        looks = [placed.look(camera) for camera in cameras]
         blocking = _blocking(cleared, views, edit_masks, looks, stand)
         scene = cleared.select(~blocking)
         for view in [*views, *others]:
             mask = edit_masks[view.name]
-            image, depth, edited, alpha = _composed(scene, placed, shadow, view, mask, stand, effects)
+            image, depth, edited, alpha = _composed(
+                scene, placed, shadow, view, mask, stand, effects, floor, shell
+            )
             write_image(folder / "masks" / f"{view.name}.png", changed[view.name] | edited)
             write_image(folder / f"{view.name}.png", image)
             write_array(folder / f"{view.name}.npy", depth)
             if effects.background:
                 write_image(folder / f"{view.name}.alpha.png", alpha)
-        dark, shaded = _darkened(scene, shadow, settings)
-        added = placed.gaussians(pixel_width(sights), dark.coefficients)
+        added = placed.gaussians(pixel_width(sights), scene.coefficients)
+        if floor is None:
+            dark, shaded = _darkened(scene, shadow, settings)
+        else:
+            dark, shaded = scene, np.zeros(len(scene), bool)
+            discs = decal(shadow, floor, scene.coefficients, settings.shaded)
+            added = added if discs is None else discs.joined(added)
         whole = dark.joined(added)
         whole.save(folder, antialiased=run.effects.antialias)
         held = np.concatenate([~shaded, np.zeros(len(whole) - len(dark), bool)])
@@ -170,12 +185,12 @@ def place_object(
 
 
 def settle(run: Run, staged: Staged, extent: float, settings: FitSettings, seed: int) -> Representation:
-    """Fit the new object and the shaded floor to the composed views, which show no surround."""
+    """Fit the new object and the shaded floor to the composed views."""
 
     def compute(folder: Path) -> None:
         result = fit(
             staged.gaussians, staged.targets, extent, settings, effects=run.effects, seed=seed,
-            held=staged.held,
+            held=staged.held, surround=stages.shell_of(run),
             checkpoint=folder / "checkpoint.pt", note=run.note,
             progress=True, label="settle",
         )  # fmt: skip
@@ -220,15 +235,18 @@ def _blocking(
 
 def _composed(
     cleared: Representation, placed: Placed, shadow: Shadow, view: View, edit_mask: np.ndarray, stand: _Stand,
-    effects: Effects,
+    effects: Effects, floor: Chart | None, shell: Gaussians | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """A view with the new object: its image, depth, where it differs from the cleared one, and opacity."""
+    """A view with the new object: its image, depth, where it differs from the cleared one, and opacity.
+
+    `floor` is a glossy support, on which the shadow falls where it is, not where its gaussians are.
+    """
     camera = view.camera
-    with torch.no_grad():
-        seen = render(cleared, camera, effects=effects)
+    seen = render_before(shell, cleared, camera, effects)
     base, behind, alpha = seen.color.clamp(0.0, 1.0).numpy(), seen.depth.numpy(), seen.alpha.numpy()
     color, coverage, depth = placed.look(camera)
-    surface = unprojected(behind, camera).reshape(-1, 3)
+    shown = behind if floor is None else shown_depth(floor, camera, behind)
+    surface = unprojected(shown, camera).reshape(-1, 3)
     real = ~edit_mask & ~stand.emptied(surface, base=-np.inf).reshape(behind.shape)
     hidden = real & (behind > 0) & (behind < depth - stand.settings.behind * stand.scale)
     coverage = np.where(hidden, 0.0, coverage)[..., None]

@@ -16,6 +16,7 @@ from diga3d_warp.gaussians.fit import FitSettings, fit
 from diga3d_warp.gaussians.lift import lifted_colors, object_share
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.representation import Representation
+from diga3d_warp.gaussians.surround import render_before
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.kernels.harmonics import C0
 from diga3d_warp.objects.repaint import Repainter
@@ -23,7 +24,6 @@ from diga3d_warp.objects.surface import Sight, pixel_width, without_floaters
 from diga3d_warp.pipelines import stages
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.propagation.references import References
-from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.scene import View
 from diga3d_warp.splatting.render import render
 from diga3d_warp.state import read_arrays, read_picture, read_plane
@@ -51,8 +51,9 @@ def look_at_object(
     """The object in every view: the image before, the object's part in it, and its depth."""
 
     def compute(folder: Path) -> None:
+        shell = stages.shell_of(run)
         for view in views:
-            sight = _sight(source, rows, view, run.effects)
+            sight = _sight(source, rows, view, run.effects, shell)
             write_image(folder / f"{view.name}.png", sight.image)
             if sight.alpha is not None:
                 write_image(folder / f"{view.name}.alpha.png", sight.alpha)
@@ -72,12 +73,14 @@ def look_at_object(
 
 
 @torch.no_grad()
-def _sight(source: Representation, rows: torch.Tensor, view: View, effects: Effects) -> Sight:
+def _sight(
+    source: Representation, rows: torch.Tensor, view: View, effects: Effects, shell: Gaussians | None
+) -> Sight:
     camera = view.camera
     without = source.brightened(~rows, 0.0)  # what is left is the object's part
     colors_only, with_depth = replace(effects, depth=False), replace(effects, depth=True)
     share = without_floaters(object_share(source, camera, rows, effects).numpy())
-    whole = render(source, camera, effects=with_depth, background=BACKGROUND)
+    whole = render_before(shell, source, camera, with_depth)
     depth = render(source.select(rows), camera, effects=with_depth).depth.numpy()
     return Sight(
         camera,
@@ -118,7 +121,8 @@ def recolour(
         held = torch.arange(len(painted)) < len(rest)
         result = fit(
             painted, targets_of(sights, images), extent, settings, effects=run.effects, seed=seed, held=held,
-            checkpoint=folder / "checkpoint.pt", note=run.note, progress=True, label="refit",
+            surround=stages.shell_of(run), checkpoint=folder / "checkpoint.pt", note=run.note, progress=True,
+            label="refit",
         )  # fmt: skip
         stages.keep_fit(run, folder, result)
 
@@ -126,7 +130,7 @@ def recolour(
 
 
 def targets_of(sights: Sequence[Sight], images: Sequence[np.ndarray]) -> list[Target]:
-    """Targets of the fit: the repainted views, with the depth of the object. They show no surround."""
+    """Targets of the fit: the repainted views, with the depth of the object."""
     return [
         Target(
             sight.camera,

@@ -25,7 +25,7 @@ if __name__ == "__main__":  # first of all, because the command tunes the proces
 
     sys.exit(main(["remove", *sys.argv[1:]]))
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -63,6 +63,7 @@ from diga3d_warp.priors.exemplar.prior import ExemplarPrior
 from diga3d_warp.priors.protocol import DiffusionPrior, Prior
 from diga3d_warp.propagation.references import References
 from diga3d_warp.scene.scene import Scene
+from diga3d_warp.surfaces.chart import Chart
 
 REFIT = FitSettings(
     iterations=800,
@@ -167,6 +168,7 @@ class TakenOut:
         scene: The capture, with the cameras in use.
         edit_masks: Edit masks of its training and held-out views.
         references: Reference views and clusters.
+        charts: Surfaces behind the object, filled.
         stage: The stage that made `gaussians`.
         behind: What was known behind the object, and masks of all that was edited.
     """
@@ -177,6 +179,7 @@ class TakenOut:
     scene: Scene
     edit_masks: clearing.Masks
     references: References
+    charts: Sequence[Chart]
     stage: str
     behind: clearing.Behind
 
@@ -230,14 +233,14 @@ def take_out(
         seed,
     )  # fmt: skip
     if method.distillation is None:
-        return TakenOut(edited, source, rows, scene, edit_masks, references, "refit", behind)
+        return TakenOut(edited, source, rows, scene, edit_masks, references, charts, "refit", behind)
     assert isinstance(prior, DiffusionPrior), "check_method refuses others"
     refined = fine.distil(
         run, edited, cleared.held(len(edited)), coarse.targets_of(views, backgrounds, fills),
         unseen, references, prior, prior.guidance, method,
-        scene.extent, settings.distil, seed, known=[at.image for at in backgrounds], photographed=True,
+        scene.extent, settings.distil, seed, known=[at.image for at in backgrounds],
     )  # fmt: skip
-    return TakenOut(refined, source, rows, scene, edit_masks, references, "distil", behind)
+    return TakenOut(refined, source, rows, scene, edit_masks, references, charts, "distil", behind)
 
 
 def remove(

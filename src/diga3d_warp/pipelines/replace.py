@@ -168,7 +168,7 @@ def _placed(
     """The scene with an asset in the old object's place."""
     staged = placing.place_object(
         run, taken.scene.views, taken.scene.test_views, taken.edit_masks, taken.behind.changed, sights,
-        taken.gaussians, asset, settings.placing,
+        taken.gaussians, taken.charts, asset, settings.placing,
     )  # fmt: skip
     return placing.settle(run, staged, taken.scene.extent, settings.settle, seed)
 
@@ -186,9 +186,7 @@ def _shown(
         run, views, masks, [sights[index] for index in chosen], images, taken.gaussians, estimator
     )
     references = given_references(np.stack([view.camera.center for view in views]), range(len(views)))
-    return imagining.grow(
-        run, taken.gaussians, shown, references, taken.scene.extent, settings.grow, seed, photographed=True
-    )
+    return imagining.grow(run, taken.gaussians, shown, references, taken.scene.extent, settings.grow, seed)
 
 
 def _imagined(
