@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import socket
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -24,6 +26,9 @@ TICK = 1.0
 
 REACH = 10.0
 """Seconds in which a cluster's head must accept a connection. Ray itself would try for a minute or more."""
+
+ANSWER = 40.0
+"""Seconds in which it must tell its state."""
 
 STORE_BYTES = 80 * 2**20
 """Ray's object store on this machine: jobs exchange files, never objects, and Ray takes no less."""
@@ -49,11 +54,14 @@ class RayCrew:
         """Look for Ray and for the cluster, before anything is written.
 
         Raises:
-            InputError: Ray is not installed, the address has no port, or nothing answers there.
+            InputError: Ray is not installed, the address has no port, or no cluster answers there.
         """
         require_ray()
-        if self.address is not None:
-            _check_reachable(self.address)
+        if self.address is None:
+            return
+        _check_reachable(self.address)
+        if self.address != "auto" and not self.address.startswith("ray://"):
+            _check_answers(self.address)
 
     def __call__(self, folders: Sequence[JobFolder], work: Work, tick: Callable[[], None]) -> Iterator[Ended]:
         """Work on jobs; see `run.Crew`.
@@ -160,6 +168,24 @@ def _check_reachable(address: str) -> None:
             f"no cluster answers at {address} ({error.strerror or error}): start it with `ray start --head`, "
             "or leave --address out to run on this machine"
         ) from error
+
+
+def _check_answers(address: str) -> None:
+    """Ask a cluster for its state.
+
+    Raises:
+        InputError: what answers at the address is no cluster, or one that refuses us.
+    """
+    words = [sys.executable, "-m", "ray.scripts.scripts", "status", "--address", address]
+    try:
+        answered = subprocess.run(words, capture_output=True, timeout=ANSWER).returncode == 0
+    except subprocess.TimeoutExpired:
+        answered = False
+    if not answered:
+        raise InputError(
+            f"what answers at {address} does not say that it is a Ray cluster: check `ray status --address "
+            f"{address}`; one with tokens needs RAY_AUTH_MODE=token"
+        )
 
 
 def _worker(path: str, work: Work, threads: int) -> None:
