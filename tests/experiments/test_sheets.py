@@ -58,6 +58,8 @@ def column(table, head: str) -> dict[str, str]:
 def test_scenes_are_folders_in_the_order_of_counting(data):
     assert [scene.name for scene in find_scenes(data)] == ["1", "2", "10", "book"]
     assert [scene.name for scene in find_scenes(data, ["book", "1"])] == ["book", "1"]
+    (data / "gone").symlink_to(data / "nowhere")
+    assert [scene.name for scene in find_scenes(data)][-1] == "gone", "its job says that it is not there"
     (data / "1" / "poses_bounds.npy").touch()
     assert find_scenes(data / "1") == [data / "1"]
     with pytest.raises(InputError, match="has no scene '3': it has 1, 2, 10, book"):

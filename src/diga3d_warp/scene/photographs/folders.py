@@ -61,11 +61,14 @@ def walk(folder: Path, depth: int | None = None) -> Iterator[tuple[Path, list[Pa
 
 
 def scene_folders(folder: Path) -> list[Path]:
-    """Folders in a folder but for hidden ones, those of systems and of runs, in sorted order."""
+    """Folders in a folder but for hidden ones, those of systems and of runs, in sorted order.
+
+    A link that leads nowhere counts: whoever opens it says what is wrong.
+    """
     return [
         path
         for path in entries(folder)
-        if path.is_dir()
+        if (path.is_dir() or (path.is_symlink() and not path.exists()))
         and not path.name.startswith(".")
         and path.name not in _LEFT_BY_SYSTEMS
         and not is_run(path)
