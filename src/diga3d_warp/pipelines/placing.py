@@ -19,8 +19,8 @@ from diga3d_warp.gaussians.surround import render_before
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.materials.painting import GAMMA
 from diga3d_warp.objects.asset import Asset, MeshAsset
+from diga3d_warp.objects.decal import decal, shown_depth
 from diga3d_warp.objects.frame import Frame
-from diga3d_warp.objects.gloss import decal, shown_depth
 from diga3d_warp.objects.light import Light, estimate_light
 from diga3d_warp.objects.placement import Placed, PlacedMesh, PlacedSplat
 from diga3d_warp.objects.shadow import Shadow

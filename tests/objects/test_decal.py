@@ -5,8 +5,8 @@ import pytest
 
 from diga3d_warp.gaussians.initialise import round_gaussians
 from diga3d_warp.materials.painting import GAMMA
+from diga3d_warp.objects.decal import DecalSettings, decal, shown_depth
 from diga3d_warp.objects.frame import Frame
-from diga3d_warp.objects.gloss import DecalSettings, decal, shown_depth
 from diga3d_warp.objects.light import Light
 from diga3d_warp.objects.shadow import Shadow
 from diga3d_warp.objects.solids import solid_of
