@@ -101,7 +101,7 @@ class Training:
         recent: list[Mapping[str, float]] = []
         while self.step < steps:
             start = time.monotonic()
-            recent.append(self._step())
+            recent.append(self._step(steps))
             losses.append(recent[-1]["loss"])
             # Whoever stops the process for a while must not count as trained time.
             self.seconds += min(time.monotonic() - start, LONGEST_STEP)
@@ -146,9 +146,9 @@ class Training:
         path = self.folder / f"{self.lesson.name}-{self.step:06d}.png"
         _write_picture(path, self.lesson.picture(self.averaged))
 
-    def _step(self) -> dict[str, float]:
+    def _step(self, steps: int) -> dict[str, float]:
         for group in self.optimiser.param_groups:
-            group["lr"] = self.recipe.rate * min(1.0, (self.step + 1) / self.recipe.warm_up)
+            group["lr"] = self.recipe.rate_at(self.step, steps)
         rng = np.random.default_rng([self.seed, *self.lesson.name.encode(), self.step, self.workers.rank])
         noise = torch.Generator().manual_seed(int(rng.integers(2**62)))
         losses = self.lesson.losses(rng, noise, self.records, self.recipe.batch // self.workers.count)

@@ -67,9 +67,11 @@ class RunRecipe:
     Attributes:
         batch: Samples of a step. Small ones for small hours: the noise of a gradient costs less than the
             steps that larger batches would leave undone.
-        rate: Learning rate of AdamW, constant after `warm_up` steps; the mean of the weights takes the place
-            of a decaying rate, so that training may end at any time.
-        warm_up: Steps until then.
+        rate: Learning rate of AdamW, constant between `warm_up` and `cooling`; the mean of the weights takes
+            the place of a decaying rate meanwhile, so that any checkpoint may be used.
+        warm_up: Steps of the rise to it.
+        cooling: Last share of the steps, over which it falls to nothing. More steps go on at the full rate
+            (warm-up, stable, decay: Hu et al. 2024).
         average: Decay per step of the mean of the weights (EMA), less in the first steps.
         decay: Weight decay.
         most: Largest norm of a gradient; larger ones are scaled down.
@@ -78,9 +80,16 @@ class RunRecipe:
     batch: int
     rate: float
     warm_up: int = 200
+    cooling: float = 0.2
     average: float = 0.999
     decay: float = 0.01
     most: float = 1.0
+
+    def rate_at(self, step: int, steps: int) -> float:
+        """Learning rate of a step of a training that ends after a number of them."""
+        rise = (step + 1) / self.warm_up
+        fall = (steps - step) / max(self.cooling * steps, 1.0)
+        return self.rate * min(1.0, rise, fall)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from training.denoiser import open_denoiser
 from training.export import export
 from training.latents import encode_samples, open_latents
 from training.loop import Training
+from training.recipe import RunRecipe
 from training.store import Store
 from training.windows import open_windows
 from training.workers import Workers
@@ -55,12 +56,21 @@ def test_a_training_that_was_killed_repeats_its_steps_although_data_was_added(tm
     windows = made_up_windows(tmp_path)
     first = Training(AutoencoderLesson(TINY, windows), RUN, 0, tmp_path)
     first.run(2, 1e9, 1e9, progress=False)
-    lost = [first._step()["loss"] for _ in range(2)]
+    lost = [first._step(4)["loss"] for _ in range(2)]
     windows.append(
         [{**row, "window": row["window"] + 9} for row in windows.rows],
         {name: np.array(windows.array(name)) for name in windows.layout},
     )
     assert train(AutoencoderLesson(TINY, windows), tmp_path, 4) == lost
+
+
+def test_the_rate_rises_stays_and_falls_and_goes_on_with_more_steps():
+    recipe = RunRecipe(batch=1, rate=2.0, warm_up=10, cooling=0.2)
+    rates = [recipe.rate_at(step, 100) for step in range(100)]
+    assert rates[0] == pytest.approx(0.2) and rates[9:81] == [2.0] * 72
+    assert rates[90] == pytest.approx(1.0) and rates[99] == pytest.approx(0.1)
+    assert rates[80:] == sorted(rates[80:], reverse=True)
+    assert recipe.rate_at(99, 1000) == 2.0
 
 
 class Second(Workers):
@@ -95,12 +105,12 @@ def test_the_denoiser_and_its_controls_learn(work):
     assert training.step == 4
     before = lesson.module.unet.conv_in.weight.clone()
     words = lesson.module.text.get_input_embeddings().weight.clone()
-    training._step()
+    training._step(9)
     assert not torch.equal(before, lesson.module.unet.conv_in.weight)
     assert not torch.equal(words, lesson.module.text.get_input_embeddings().weight)
     control = Training(open_controls("edges", work, TINY), RUN, 0, work)
     before = control.lesson.module.controlnet_mid_block.weight.clone()
-    control._step()
+    control._step(9)
     assert not torch.equal(before, control.lesson.module.controlnet_mid_block.weight)
 
 
