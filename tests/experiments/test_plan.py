@@ -50,11 +50,26 @@ def test_the_grid_of_a_plan(plan, tmp_path):
         "image_scale": 0.5, "masks": f"{scene}/object", "mask_ids": [3], "effects": {"shadow": False},
         "prompt": "white marble", "seed": 0, "accuracy": "draft",
     }  # fmt: skip
-    sheet = sheet_of(read, "plan")
+    sheet = sheet_of(read, tmp_path / "plan.yaml")
     assert [row.method for row in sheet.rows][:2] == [
         "prompt white marble, accuracy draft", "prompt white marble, accuracy standard"
     ]  # fmt: skip
     assert all(len(row.jobs) == 4 for row in sheet.rows) and "Means over 2 seeds" in sheet.notes[0]
+
+
+def test_patterns_pass_over_runs_and_earlier_sweeps(plan, tmp_path):
+    captures = tmp_path / "captures"
+    (captures / "sweep" / "jobs").mkdir(parents=True)
+    (captures / "removed" / "stages").mkdir(parents=True)
+    (captures / "removed" / "manifest.json").touch()
+    read = read_plan(plan("command: remove\nscenes: [captures/*]"))
+    assert [scene.name for scene in read.scenes] == ["bear", "statue"]
+
+
+def test_a_plan_with_the_name_of_another_result(plan):
+    path = plan("command: remove\nscenes: [captures/bear]", "costs.yaml")
+    with pytest.raises(InputError, match=r"costs.md is the name of another result"):
+        sheet_of(read_plan(path), path)
 
 
 def test_a_plan_may_be_json(plan):

@@ -140,6 +140,10 @@ def test_cells_of_means_failures_and_missing_weights(data):
     assert column(main, "masked PSNR ↑")["GScream"] == "15.84" and column(main, "FID ↓")["GScream"] == "–"
     assert {row[1] for row in main.rows} == {"measured", "DiGA3D, arXiv 2507.00429, Table 1"}
     assert column(sheet.main(outcomes), "PSNR ↑")["diga3d-warp, exemplar"] == "inf"
+    some = outcome(40.0, LPIPS=1.0) | {"figures": {"SSIM": {"whole": 0.75}}}
+    main = sheet.main({**outcomes, sheet.jobs[3].name: some})
+    assert column(main, "PSNR ↑")["diga3d-warp, exemplar"] == "25.00 (2 of 3)"
+    assert column(main, "SSIM ↑")["diga3d-warp, exemplar"] == "0.5000"
     single = sheet.single(outcomes)
     assert [row[-1] for row in single.rows] == ["done", "no view has a mask | at all", "done", "done"]
     assert single.rows[1][2] == "failed"

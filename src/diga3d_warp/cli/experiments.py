@@ -168,7 +168,7 @@ def _sweep(plan: Path, **machines: Any) -> int:
     from diga3d_warp.experiments.plan import read_plan
     from diga3d_warp.experiments.sweep import sheet_of
 
-    return _run([sheet_of(read_plan(plan), plan.stem)], **machines)
+    return _run([sheet_of(read_plan(plan), plan)], **machines)
 
 
 def _run(

@@ -7,7 +7,6 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from types import ModuleType
@@ -15,14 +14,11 @@ from typing import Any
 
 from diga3d_warp.errors import InputError
 from diga3d_warp.experiments.job import LOG, JobFolder
-from diga3d_warp.experiments.run import ATTEMPTS, Ended
+from diga3d_warp.experiments.run import ATTEMPTS, TICK, Ended
 from diga3d_warp.experiments.work import Work, attempt
 from diga3d_warp.process import tune_process
 
 INSTALL = "pip install 'diga3d-warp[cluster]'"
-
-TICK = 1.0
-"""Seconds between looks at the progress."""
 
 REACH = 10.0
 """Seconds in which a cluster's head must accept a connection. Ray itself would try for a minute or more."""
@@ -99,15 +95,12 @@ class RayCrew:
 
     def _connect(self) -> ModuleType:
         ray = require_ray()
-        os.environ.setdefault(
-            "RAY_task_oom_retries", str(ATTEMPTS - 1)
-        )  # Ray's own default is to never give up
+        # Of its own, Ray would try a job that takes too much memory for ever.
+        os.environ.setdefault("RAY_task_oom_retries", str(ATTEMPTS - 1))
         options: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
         if self.address is None:
             os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-            os.environ.setdefault(
-                "RAY_worker_niceness", "0"
-            )  # 15 else: jobs would stand back behind all else
+            os.environ.setdefault("RAY_worker_niceness", "0")  # of its own 15: all else would come first
             # The cores that `workers` jobs ask for: Ray starts as many at a time.
             options |= {"num_cpus": self.workers * self.threads, "object_store_memory": STORE_BYTES}
             options |= {"include_dashboard": False, "address": "local"}
@@ -155,7 +148,7 @@ def _check_reachable(address: str) -> None:
     Raises:
         InputError: nothing answers there, or the address has no port.
     """
-    if address in ("auto", "local"):
+    if address == "auto":
         return
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     if not (host and colon and port.isdecimal() and int(port) < 65536):
@@ -189,7 +182,6 @@ def _check_answers(address: str) -> None:
 
 
 def _worker(path: str, work: Work, threads: int) -> None:
-    """What Ray runs; tasks of one process follow each other, so each process gets one."""
-    with suppress(ImportError):
-        tune_process()
+    """What Ray runs, in a process of its own."""
+    tune_process()
     attempt(path, work, threads)

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from diga3d_warp.errors import InputError
-from diga3d_warp.experiments.job import Command, Job
+from diga3d_warp.experiments.job import JOBS, Command, Job
 from diga3d_warp.experiments.options import checked_options, in_scene
 from diga3d_warp.experiments.yaml_file import read_yaml
+from diga3d_warp.scene.photographs.folders import is_run
 
 WHAT = {"retexture": ("prompt", "exemplar"), "replace": ("prompt", "asset", "fill")}
 """Options one of which says what the object becomes."""
@@ -135,7 +136,7 @@ def _scenes(path: Path, names: Sequence[str | int]) -> list[Path]:
         if any(sign in name for sign in "*?["):
             folder, pattern = (Path(Path(name).anchor), Path(name).relative_to(Path(name).anchor))
             base = folder if Path(name).is_absolute() else path.parent
-            matches = sorted(match for match in base.glob(str(pattern)) if not match.name.startswith("."))
+            matches = sorted(match for match in base.glob(str(pattern)) if _is_scene(match))
         else:
             place = path.parent / Path(name).expanduser()
             matches = [place] if place.exists() else []
@@ -143,6 +144,11 @@ def _scenes(path: Path, names: Sequence[str | int]) -> list[Path]:
             raise InputError(f"{path}: there is no scene {name} (paths are relative to the plan's folder)")
         found += [match.resolve() for match in matches]
     return list(dict.fromkeys(found))
+
+
+def _is_scene(path: Path) -> bool:
+    """Whether a match of a pattern is no hidden file, run or earlier sweep."""
+    return not (path.name.startswith(".") or is_run(path) or (path / JOBS).is_dir())
 
 
 def _distinct(path: Path, option: str, values: list[Any]) -> list[Any]:

@@ -16,12 +16,9 @@ from multiprocessing.context import SpawnProcess
 from tqdm import tqdm
 
 from diga3d_warp.experiments.job import LOG, JobFolder
-from diga3d_warp.experiments.run import ATTEMPTS, Ended
+from diga3d_warp.experiments.run import ATTEMPTS, TICK, Ended
 from diga3d_warp.experiments.work import Work, attempt
 from diga3d_warp.process import tune_process
-
-TICK = 1.0
-"""Seconds between looks at the progress."""
 
 
 @dataclass
@@ -86,7 +83,7 @@ def _worker(path: str, work: Work, threads: int, gpu: int | None) -> None:
     """Main function of a worker."""
     signal.signal(
         signal.SIGINT, signal.SIG_IGN
-    )  # a terminal sends it to the driver, too, which ends this one
+    )  # the driver, which a terminal interrupts, too, ends this one
     threading.Thread(target=_end_with_driver, daemon=True).start()
     tune_process()
     tqdm.set_lock(threading.RLock())  # its own is of all processes: when this one is killed, Python complains

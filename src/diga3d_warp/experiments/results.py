@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from diga3d_warp.evaluation.tables import Table
 from diga3d_warp.experiments.job import Job, JobFolder, Outcome
-from diga3d_warp.experiments.sheet import MEASURED, Sheet
+from diga3d_warp.experiments.sheet import COSTS, MEASURED, Sheet
 from diga3d_warp.files import write_text
 
 if TYPE_CHECKING:
@@ -48,8 +48,8 @@ def write_results(out: Path, sheets: Sequence[Sheet], outcomes: Mapping[str, Out
             write_text(out / name, text)
             written.append(out / name)
     jobs = {job.name: job for sheet in sheets for job in sheet.jobs}
-    write_text(out / "costs.md", _costs(out, list(jobs.values())).markdown())
-    return [*written, out / "costs.md", write_pictures(out, sheets)]
+    write_text(out / COSTS, _costs(out, list(jobs.values())).markdown())
+    return [*written, out / COSTS, write_pictures(out, sheets)]
 
 
 def _markdown(sheet: Sheet, outcomes: Mapping[str, Outcome]) -> str:

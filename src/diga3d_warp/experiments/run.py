@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 ATTEMPTS = 3
 """Processes that may die over a job, as when memory runs out, before it counts as failed."""
 
+TICK = 1.0
+"""Seconds between looks at the progress."""
+
 RESULTS = {".md", ".csv", ".tex", ".html"}
 """Endings of what is written beside the jobs."""
 

@@ -14,8 +14,8 @@ from diga3d_warp.experiments.published import Published
 MEASURED = "measured"
 """Source of figures that the experiment measured itself."""
 
-SIZE, COSTS = "size", "costs"
-"""In place of a metric: the image size; what `costs.md` holds, which differs from run to run."""
+SIZE, COSTS = "size", "costs.md"
+"""In place of a metric: the image size; the file of what jobs cost, which differs from run to run."""
 
 NONE = "–"
 
@@ -130,9 +130,9 @@ def _subject(job: Job) -> str:
 
 
 def _mean(column: Column, found: Sequence[tuple[Job, Outcome]]) -> str:
-    """A cell: the mean over jobs that have the figure, else why there is none."""
+    """A cell: the mean over jobs that have the figure, of how many if not all; else why there is none."""
     if column.metric == COSTS:
-        return "costs.md"
+        return COSTS
     counted = [outcome for job, outcome in found if column.command in (None, job.command)]
     done = [outcome for outcome in counted if outcome["error"] is None]
     if not done:
@@ -148,4 +148,5 @@ def _mean(column: Column, found: Sequence[tuple[Job, Outcome]]) -> str:
     if not values:
         return NOT_MEASURED
     mean = sum(math.inf if value is None else value for value in values) / len(values)
-    return f"{mean:.{column.digits}f}"
+    part = "" if len(values) == len(done) else f" ({len(values)} of {len(done)})"
+    return f"{mean:.{column.digits}f}{part}"

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from diga3d_warp.errors import InputError
 from diga3d_warp.experiments.job import Job
 from diga3d_warp.experiments.paper import BOX, FID, LPIPS, MASKED, PSNR, SSIM
 from diga3d_warp.experiments.plan import Plan
-from diga3d_warp.experiments.sheet import Column, Row, Sheet
+from diga3d_warp.experiments.sheet import COSTS, Column, Row, Sheet
 
 UNMASKED = Column("unmasked PSNR ↑", "PSNR", "unmasked")
 REFERENCE_FREE = (Column("MUSIQ ↑", "MUSIQ"), Column("SIFT ↑", "SIFT matches", digits=0))
@@ -19,13 +22,19 @@ COLUMNS = {
 }
 
 
-def sheet_of(plan: Plan, name: str) -> Sheet:
+def sheet_of(plan: Plan, path: Path) -> Sheet:
     """What a sweep compares.
 
     Args:
         plan: The plan.
-        name: Name of the result's files.
+        path: Its file, after which those of the results are called.
+
+    Raises:
+        InputError: a file of the results would have the name of another one.
     """
+    name = path.stem.lstrip(".") or "sweep"
+    if f"{name}.md" == COSTS:
+        raise InputError(f"{path}: {COSTS} is the name of another result: call the plan something else")
     rows: dict[str, list[Job]] = {}
     for values, job in plan.jobs():
         # Means over seeds, too: they are repetitions of one method.
