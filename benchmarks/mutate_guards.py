@@ -1,4 +1,4 @@
-"""Take each guard of hard_cases.py and fill_cases.py out of a copy of the project: its test must fail.
+"""Take each guard of the hard cases (*_cases.py) out of a copy of the project: its test must fail.
 
 python benchmarks/mutate_guards.py            all guards, 15 min on two cores; writes docs/hard-cases.md
 python benchmarks/mutate_guards.py NAME ...   only cases whose name holds one of these words, and their rows
@@ -21,10 +21,11 @@ from pathlib import Path
 
 from fill_cases import FILL_CASES
 from guards import Guard, HardCase
+from scaffold_cases import SCAFFOLD_CASES
 
 from hard_cases import CASES as RENDERER_CASES
 
-CASES = (*RENDERER_CASES, *FILL_CASES)
+CASES = (*RENDERER_CASES, *FILL_CASES, *SCAFFOLD_CASES)
 
 PROJECT = Path(__file__).parents[1]
 PACKAGE = Path("src/diga3d_warp")
@@ -56,6 +57,9 @@ HOMES = {
     "ShadowSettings": "shadows/settings.py",
     "MirrorSettings": "mirrors/settings.py",
     "FillCheck": "pipelines/own_fills.py",
+    "decoder": "gaussians/scaffold/decoder.py",
+    "anchors": "gaussians/scaffold/anchors.py",
+    "voxels": "gaussians/scaffold/voxels.py",
 }
 """File of each class or module that `HardCase.constants` names."""
 
@@ -169,7 +173,7 @@ def document(verdicts: dict[Guard, Verdict], written: str) -> str:
     """The text of docs/hard-cases.md; rows of cases that were not tried stay as they were written."""
     before = {line.split(" | ")[0].removeprefix("| "): line for line in written.splitlines() if "| " in line}
     tables, count = [], 0
-    for cases in (RENDERER_CASES, FILL_CASES):
+    for cases in (RENDERER_CASES, FILL_CASES, SCAFFOLD_CASES):
         rows = []
         for case in cases:
             if caught(case, verdicts):
@@ -180,7 +184,7 @@ def document(verdicts: dict[Guard, Verdict], written: str) -> str:
                 continue
             count += len(case.guards)
         tables.append("\n".join(rows))
-    return TEXT.format(count=count, rows=tables[0], fills=tables[1])
+    return TEXT.format(count=count, rows=tables[0], fills=tables[1], anchors=tables[2])
 
 
 def caught(case: HardCase, verdicts: dict[Guard, Verdict]) -> bool:
@@ -196,7 +200,7 @@ def _cell(text: str) -> str:
 TEXT = """\
 # Hard cases
 
-What splatting engines and fills meet in real scenes, and what happens here. Written by
+What splatting engines, fills and anchors meet in real scenes, and what happens here. Written by
 `python benchmarks/mutate_guards.py`, which takes each guard out of a copy of the source, runs the test named
 beside it, and accepts the row only if that test fails: {count} guards, all of them caught.
 
@@ -217,6 +221,12 @@ Fills:
 | Case | What happens | Constants and their reasons | Tests | Without the guard |
 |---|---|---|---|---|
 {fills}
+
+Anchors (Scaffold-GS):
+
+| Case | What happens | Constants and their reasons | Tests | Without the guard |
+|---|---|---|---|---|
+{anchors}
 
 Not in the tables, because without it only time is lost: triangles that lie outside the target are not
 visited.

@@ -15,6 +15,7 @@ import cases_fills  # noqa: F401
 import cases_formats  # noqa: F401
 import cases_frame  # noqa: F401
 import cases_masks  # noqa: F401
+import cases_scaffold  # noqa: F401
 import pytest
 from expectations import Case, parameters
 from field_room import FieldRoom, make_room
