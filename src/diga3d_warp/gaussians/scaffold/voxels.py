@@ -8,6 +8,9 @@ from scipy.spatial import cKDTree
 CELLS_MOST = 2.0**40
 """Voxels along one axis at most: their numbers, and those of neighbours, are exact in float64 and int64."""
 
+ENLARGED = 1.25
+"""Factor by which voxels grow until few enough hold a point: with 2, a third of the budget would be left."""
+
 
 def voxels_of(positions: np.ndarray, size: float) -> np.ndarray:
     """The voxel of each position, three numbers each, shape (P, 3), int64.
@@ -43,7 +46,7 @@ def usual_distance(positions: np.ndarray) -> float:
 
 
 def voxel_size(positions: np.ndarray, most: int) -> float:
-    """Side of voxels of which at most `most` hold a position: their usual distance, doubled until so.
+    """Side of voxels of which at most `most` hold a position: their usual distance, enlarged until so.
 
     Args:
         positions: Finite, at least one, shape (P, 3).
@@ -53,5 +56,5 @@ def voxel_size(positions: np.ndarray, most: int) -> float:
     size = usual_distance(positions)
     reach = float(np.abs(positions).max(initial=0.0))
     while size <= reach and len(grouped(voxels_of(positions, size))[0]) > most:
-        size *= 2.0
+        size *= ENLARGED
     return size
