@@ -68,6 +68,7 @@ def test_half_of_the_scenes_are_broken(in_process, scene, tmp_path, capsys):
     assert cli.main(words) == 1
     said = capsys.readouterr()
     assert "Traceback" not in said.err + said.out
+    assert "5 of 6 jobs failed, the tables say why" in said.err
     assert "archives, which are not read: unpack book.zip" in said.err
     with (out / "table1.csv").open() as file:
         ours = {row["scene"]: row for row in csv.DictReader(file) if row["source"] == "measured"}

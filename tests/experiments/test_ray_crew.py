@@ -32,6 +32,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.ray
 def test_a_worker_and_the_driver_of_ray_are_killed(tmp_path):
     """First a worker, which Ray replaces, then the driver; the same command then ends with the same bytes."""
     pytest.importorskip("ray")

@@ -52,8 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Without the program's name; those of the process if None.
 
     Returns:
-        Exit code: 0 success, 1 a check of `doctor` failed, 2 bad input or a refusal of the system, 130
-        interrupted, 143 terminated, 141 broken pipe.
+        Exit code: 0 success, 1 a check of `doctor` or a job of an experiment failed, 2 bad input or a refusal
+        of the system, 130 interrupted, 143 terminated, 141 broken pipe.
     """
     tune_process()
     words = list(sys.argv[1:] if arguments is None else arguments)

@@ -184,6 +184,7 @@ def _run(
     from diga3d_warp.experiments.remeasure import has_more_weights
     from diga3d_warp.experiments.results import write_results
     from diga3d_warp.experiments.run import run_jobs
+    from diga3d_warp.pipelines.run import say
 
     jobs = [job for sheet in sheets for job in sheet.jobs]
     if gpus is None:
@@ -198,6 +199,8 @@ def _run(
     for file in written:
         print(file)
     failed = sum(outcome["error"] is not None for outcome in outcomes.values())
+    if failed:
+        say(f"{failed} of {len(outcomes)} jobs failed, the tables say why: the same command tries them again")
     return 1 if failed else 0
 
 

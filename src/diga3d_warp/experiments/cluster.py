@@ -133,12 +133,14 @@ def require_ray() -> ModuleType:
     """Ray.
 
     Raises:
-        InputError: it is not installed.
+        InputError: it is not installed, or not whole.
     """
     if find_spec("ray") is None:
         raise InputError(f"Ray is not installed: {INSTALL}, or leave --address and --ray out")
-    import ray
-
+    try:
+        import ray
+    except ImportError as error:
+        raise InputError(f"Ray cannot be loaded ({error}): {INSTALL} again, or use --no-ray") from error
     return ray
 
 
