@@ -12,8 +12,10 @@ import pytest
 import torch
 from tiny_removal import SETTINGS
 
+from cutout import Cutout
 from diga3d_warp import cli
 from diga3d_warp.errors import InputError
+from diga3d_warp.gaussians.fit import FitSettings
 from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.scaffold.anchors import ANCHORS, Scaffold
 from diga3d_warp.gaussians.scaffold.same import same_anchors
@@ -21,6 +23,7 @@ from diga3d_warp.gaussians.scaffold.settings import SCAFFOLD
 from diga3d_warp.gaussians.storage import load
 from diga3d_warp.pipelines import baking
 from diga3d_warp.pipelines.export import export_splat
+from diga3d_warp.pipelines.fit import fit
 from diga3d_warp.pipelines.remove import remove_object
 from diga3d_warp.pipelines.replace import SETTLE, ReplaceSettings, replace_object
 from diga3d_warp.pipelines.request import FitRequest
@@ -28,11 +31,14 @@ from diga3d_warp.pipelines.retexture import RECOLOUR, RetextureSettings, retextu
 from diga3d_warp.pipelines.run import Run
 from diga3d_warp.scene.load import load_scene
 from diga3d_warp.scene.scene import View
+from diga3d_warp.splatting.render import render
 
 GROWTH = replace(SCAFFOLD.growth, interval=25)
 QUICK = replace(
     SETTINGS,
-    fit=replace(SETTINGS.fit, scaffold=replace(SCAFFOLD, growth=GROWTH)),
+    fit=replace(SETTINGS.fit, iterations=100, scaffold=replace(SCAFFOLD, growth=GROWTH)),
+    refit=replace(SETTINGS.refit, iterations=40),
+    distil=replace(SETTINGS.distil, iterations=5),
     method=replace(SETTINGS.method, surfaces=False),
 )
 REMOVAL = [
@@ -44,7 +50,7 @@ REMOVAL = [
 @pytest.fixture(scope="module", autouse=True)
 def quick_bake():
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(baking, "BAKE", replace(baking.BAKE, iterations=30))
+        patched.setattr(baking, "BAKE", replace(baking.BAKE, iterations=20))
         yield
 
 
@@ -153,7 +159,7 @@ def test_resume_gives_the_same_bytes(removed, scene, tmp_path):
 
 def test_the_object_turns_to_gold(removed, scene, tmp_path):
     run = taken_up(removed, tmp_path / "run", "retexture", "fit", "bake-fit")
-    settings = RetextureSettings(fit=QUICK.fit, refit=replace(RECOLOUR, iterations=60))
+    settings = RetextureSettings(fit=QUICK.fit, refit=replace(RECOLOUR, iterations=40))
     retexture_object(scene, "a golden vase", run, settings)
     for view in scene.views:
         inside, lost = changes(run, view)
@@ -165,7 +171,7 @@ def test_the_object_turns_to_gold(removed, scene, tmp_path):
 
 def test_a_solid_takes_the_place(removed, scene, tmp_path):
     run = taken_up(removed, tmp_path / "run", "replace", *REMOVAL)
-    settings = ReplaceSettings(removal=QUICK, settle=replace(SETTLE, iterations=40))
+    settings = ReplaceSettings(removal=QUICK, settle=replace(SETTLE, iterations=25))
     result = replace_object(scene, "a golden sphere", run, settings)
     assert isinstance(anchors_of(run, "settle"), Scaffold) and len(result.gaussians) > 1000
     for view in scene.views:
@@ -175,9 +181,10 @@ def test_a_solid_takes_the_place(removed, scene, tmp_path):
 
 def test_a_fit_of_the_command_line(room, tmp_path, capsys):
     words = ["fit", str(room), "--out", str(tmp_path / "run"), "--representation", "scaffold"]
-    assert cli.main([*words, "--iterations", "12"]) == 0
+    assert cli.main([*words, "--iterations", "12", "--effects", "exposure=on,surround=off"]) == 0
     folder = tmp_path / "run"
     assert load(folder / "stages" / "fit").coefficients == 1
+    assert (folder / "stages" / "fit" / "exposures.npy").is_file()
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["settings"]["representation"] == "scaffold"
     assert (folder / "point_cloud.ply").is_file() and (folder / "report.html").is_file()
@@ -185,6 +192,18 @@ def test_a_fit_of_the_command_line(room, tmp_path, capsys):
     # Resumed as something else it would mix both.
     assert cli.main([*words[:4], "--iterations", "12", "--resume"]) == 2
     assert "representation = 'scaffold' (now None)" in capsys.readouterr().err
+
+
+def test_what_is_nowhere_stays_nowhere(tmp_path):
+    """Photographs with alpha, of a thing that was cut out."""
+    capture = Cutout().write(tmp_path / "capture")
+    settings = FitSettings(iterations=80, budget=2000, scaffold=SCAFFOLD)
+    result = fit(capture, tmp_path / "run", settings=settings)
+    cutout = load_scene(capture)
+    for view in cutout.test_views:
+        alpha = render(result.gaussians, view.camera).alpha.detach().numpy()
+        opaque = view.opacity > 127
+        assert alpha[opaque].mean() > 0.7 and alpha[~opaque].mean() < 0.15
 
 
 def test_a_capture_with_a_splat_is_refused(removed, scene, tmp_path):
