@@ -48,6 +48,21 @@ FILL_CASES = (
         ("SurfaceSettings.tolerance", "SurfaceSettings.apart"),
     ),
     HardCase(
+        "Charts: a plinth or a small table of which the object leaves some corners",
+        "It goes on as a polygon of up to four sides, two of which are seen. One straight edge, or next to "
+        "nothing that is known, makes no surface.",
+        (
+            Guard("surfaces/occupancy.py",
+                "found = _by_polygon(known, through, wanted, seed)", "found = None",
+                OCCUPANCY + "test_a_plinth_of_which_some_corners_are_seen_goes_on"),
+            condition("surfaces/occupancy.py", "surface is known and edges < BOUNDARIES.corner",
+                OCCUPANCY + "test_one_straight_edge_is_no_plinth"),
+            Guard("surfaces/occupancy.py", " and shown >= BOUNDARIES.part * side.sum()", "",
+                OCCUPANCY + "test_next_to_nothing_known_of_a_large_polygon_is_no_plinth"),
+        ),
+        ("BoundarySettings.edges", "BoundarySettings.corner", "BoundarySettings.part"),
+    ),
+    HardCase(
         "Charts: a surface on which other things stand, as books on a shelf",
         "It ends at the line of their feet, where they hide it from all photographs.",
         (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diga3d_warp.surfaces.occupancy import _by_ellipse, occupancy
+from diga3d_warp.surfaces.occupancy import _by_ellipse, _by_polygon, occupancy
 
 
 def split(surface: np.ndarray, hole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -123,3 +123,62 @@ def test_a_chart_of_a_few_texels(shape):
     found = occupancy(known, np.zeros(shape, bool), ~known, 0).solid
     assert found.shape == shape
     assert occupancy(known, ~known, np.zeros(shape, bool), 0).solid.sum() == known.sum()
+
+
+def corners_of_a_plinth() -> tuple[np.ndarray, np.ndarray]:
+    """A rectangle, and what an object hides of it: all but two opposite corners, and a whole side."""
+    down, across = np.indices((180, 240)) - np.array([90, 120])[:, None, None]
+    plinth = (abs(down) < 48) & (abs(across) < 78)
+    hidden = plinth & ((np.abs(down + 0.62 * across) < 48) | (down > 36))
+    jagged = np.random.default_rng(0).random(plinth.shape) < 0.3
+    return plinth, hidden | (jagged & (abs(down - 48) < 4) & (abs(across) < 78))
+
+
+def test_a_plinth_of_which_some_corners_are_seen_goes_on():
+    plinth, hidden = corners_of_a_plinth()
+    found = occupancy(*split(plinth, hidden), hidden, 0, trusted=0.75)
+    assert found.trusted
+    assert found.solid[hidden & plinth].mean() > 0.95
+
+
+def test_leaves_that_lie_in_a_plane_here_and_there_are_no_plinth():
+    plinth, hidden = corners_of_a_plinth()
+    leaves = plinth & (np.random.default_rng(1).random(plinth.shape) < 0.3)
+    found = occupancy(*split(leaves, hidden), hidden, 0, trusted=0.75)
+    assert not found.trusted and not found.solid[hidden].any()
+
+
+def test_a_spot_amid_what_is_seen_through_is_no_plinth():
+    """Around a hole anything is a polygon; next to nothing of this one is known."""
+    spot = (abs(PLACES[0] - 30) < 4) & (abs(PLACES[1] - 24) < 4)
+    assert _by_polygon(*split(spot, HOLE), HOLE, 0) is None
+
+
+def no_polygon(known: np.ndarray, hidden: np.ndarray) -> bool:
+    through = ~known & ~hidden
+    return _by_polygon(known, through, hidden, 0) is None
+
+
+def test_next_to_nothing_known_of_a_large_polygon_is_no_plinth():
+    plinth, hidden = corners_of_a_plinth()
+    across = np.indices(plinth.shape)[1] - 120
+    few = plinth & ~hidden & (abs(across) > 70)
+    assert few.sum() > 300 and no_polygon(few, plinth & ~few | hidden)
+
+
+def test_one_straight_edge_is_no_plinth():
+    plinth, _ = corners_of_a_plinth()
+    across = np.indices(plinth.shape)[1] - 120
+    band = plinth & (across < -50)
+    middle = band & (abs(np.indices(plinth.shape)[0] - 90) < 30)
+    assert no_polygon(middle, plinth & ~middle)
+
+
+def test_a_side_of_a_polygon_leaves_out_little_of_what_is_wanted():
+    """The hole's own rim is dented over more than half of the hidden side."""
+    plinth, hidden = corners_of_a_plinth()
+    down, across = np.indices(plinth.shape) - np.array([90, 120])[:, None, None]
+    dented = hidden & plinth & ~((across < 15) & (down > 22) & (across > -75))
+    known = plinth & ~hidden
+    found = _by_polygon(known, ~known & ~dented, dented, 0)
+    assert found is not None and found[dented].mean() > 0.95

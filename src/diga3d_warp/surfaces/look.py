@@ -22,7 +22,7 @@ class Look:
         z: Depth of the positions [scene units].
         agrees: Where the photograph's depth is theirs, bool.
         behind: Where its depth lies clearly behind them, bool.
-        before: Where its depth lies before them, bool.
+        before: Where it shows something before them, by its depth, bool.
         unseen: Where it looks into what nobody saw, bool.
         clear: Where it shows its own colours of something, bool.
     """
@@ -67,7 +67,7 @@ def look(
         agree = np.full(z.shape, settings.agree)
         if normal is not None:
             agree = tolerance(points - photo.camera.center, normal, settings)
-        agrees, before = np.abs(off) <= agree, off < -agree
+        agrees, before = np.abs(off) <= agree, (off < -agree) & photo.clear[r, c]
         behind = off > settings.through / settings.agree * agree
     return Look(
         column.astype(np.float32), row.astype(np.float32), z, agrees, behind, before,

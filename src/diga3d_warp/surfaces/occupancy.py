@@ -1,9 +1,9 @@
 """Where a surface goes on in what nobody saw, and where it ends: straight boundaries are continued.
 
 A table's edge, a step, a wall's end: where the boundary between a surface and what photographs see through
-beside it lies on one or two lines, these go on behind the object. So does that of a round table or a plinth,
-which is an ellipse. Where other things stand on it side by side, as books on a shelf, it ends at the line of
-their feet. Any other boundary goes on smoothly.
+beside it lies on one or two lines, these go on behind the object. So does that of a round table, which is an
+ellipse, and that of a plinth of which some corners are seen, a polygon. Where other things stand on it side
+by side, as books on a shelf, it ends at the line of their feet. Any other boundary goes on smoothly.
 """
 
 from __future__ import annotations
@@ -51,21 +51,23 @@ def occupancy(
     """
     if not known.any():
         return Occupancy(known.copy(), False)
+    through = through & ~_specks(known, through, wanted)
     if covered is not None and (covered & ~wanted).any():
         found = _by_lines(known, through | (covered & ~wanted), wanted, seed)
         if found is not None:
             return Occupancy(known | (found & ~through), True)
     if not through.any():
         return Occupancy(~through, True)
-    through = through & ~_specks(known, through, wanted)
     found = _by_lines(known, through, wanted, seed)
     if found is None:
         found = _by_ellipse(known, through, wanted, seed)
+    told = (known | through) & _near(wanted)
+    if found is None and not agreed and known[told].sum() < trusted * told.sum():
+        found = _by_polygon(known, through, wanted, seed)
+        if found is None:
+            return Occupancy(known.copy(), False)
     if found is not None:
         return Occupancy(known | (found & ~through), True)
-    told = (known | through) & _near(wanted)
-    if not agreed and known[told].sum() < trusted * told.sum():
-        return Occupancy(known.copy(), False)
     inside = _smoothly(known, through) & ~through & ~known
     return Occupancy(known | _borne_out(inside, known, through, trusted), True)
 
@@ -134,6 +136,38 @@ def _by_lines(known: np.ndarray, through: np.ndarray, wanted: np.ndarray, seed: 
             if (right := _right(both, inside, told)) > best:
                 best, side = right, both
     return side if best >= BOUNDARIES.explained else None
+
+
+def _by_polygon(known: np.ndarray, through: np.ndarray, wanted: np.ndarray, seed: int) -> np.ndarray | None:
+    """Occupancy inside a convex polygon, as of a plinth of which the object leaves some corners; None if none
+    explains the surroundings.
+
+    The hole may hide a whole side: there, what is seen through tells where it ends.
+    """
+    told, inside, _ = _rim(known, through, _near(wanted))
+    outside = told & ~inside
+    rng = np.random.default_rng(seed)
+    places = np.stack(np.meshgrid(np.arange(known.shape[1]), np.arange(known.shape[0])), axis=-1)
+    side, edges = np.ones_like(known), 0
+    for surface in (known, known | wanted):
+        boundary = _rim(surface, through, _near(wanted))[2]
+        points = np.argwhere(boundary & side)[:, ::-1].astype(np.float64)
+        while edges < BOUNDARIES.edges and len(points) >= BOUNDARIES.least:
+            line = _line(points, rng)
+            if line is None:
+                break
+            points = points[np.abs(points @ line[0] - line[1]) > 2.0 * BOUNDARIES.near]
+            cut = side & _side(line, places, inside, inside & side)
+            keeps = (cut & inside).sum() >= BOUNDARIES.explained * (side & inside).sum()
+            keeps &= (cut & wanted).sum() >= BOUNDARIES.kept * (side & wanted).sum()
+            # Another line along the same side leaves out hardly more.
+            if keeps and (cut & outside).sum() < BOUNDARIES.explained * (side & outside).sum():
+                side, edges = cut, edges + 1
+        if surface is known and edges < BOUNDARIES.corner:
+            return None
+    shown = (inside & side).sum()
+    explained = shown >= BOUNDARIES.explained_round * inside.sum() and shown >= BOUNDARIES.part * side.sum()
+    return side if explained else None
 
 
 def _by_ellipse(known: np.ndarray, through: np.ndarray, wanted: np.ndarray, seed: int) -> np.ndarray | None:

@@ -164,6 +164,11 @@ class BoundarySettings:
             probability below 1e-10.
         explained: Share of the texels around what is wanted that lines must put on their right side [1];
             jagged rims of a splat's depth take two of a hundred.
+        edges: Most sides of a polygon: a small table or a plinth under the object has four.
+        corner: Sides of it that known texels must tell.
+        kept: Least share of what is wanted on the inner side of each [1]: a jagged rim has many lines.
+        part: Least part of a polygon that is known to be surface [1]: around a hole in the middle of what is
+            seen through, anything is a polygon.
         near: Distance from a line that counts as on it [texels].
         least: Texels of boundary from which a line is fitted; fewer are a speck.
         corners: Boundary texels that an ellipse is drawn through; it has five parameters.
@@ -183,6 +188,10 @@ class BoundarySettings:
 
     lines: int = 200
     explained: float = 0.97
+    edges: int = 4
+    corner: int = 2
+    kept: float = 0.9
+    part: float = 0.1
     near: float = 2.0
     least: int = 12
     corners: int = 6
