@@ -32,6 +32,9 @@ PILOT = 0.1
 """Part of the iterations of a first fit of anchors, which tells how long one takes: all parts of a fit are
 parts of its iterations, so a short one has the shares of a long one."""
 
+PILOT_LEAST = 100
+"""Iterations of the pilot at least, if the fit has as many: a shorter one would mostly measure its start."""
+
 OF_FITS = ("effects", "fit", "views")
 """Stages that are not part of an edit, nor is baking."""
 
@@ -101,7 +104,7 @@ NOTES = """\
 Anchors (Scaffold-GS) get as many iterations as take the seconds of the fit of plain gaussians, by a pilot fit
 of a tenth of them. PSNR is the mean over the views that are held out. "baked" is that of the standard
 gaussians in `point_cloud.ply`, to which anchors are baked; the seconds of that are not part of the fit's.
-Sizes are those of `scaffold.npz` and of the 3DGS `.ply`, both float32.
+Sizes are those of `scaffold.npz`, deflated, and of the 3DGS `.ply`, both float32.
 """
 
 
@@ -112,7 +115,7 @@ def _measured(path: Path, work: Path, iterations: int | None, image_scale: float
         raise InputError(f"{path} has too few photographs to hold one out, and nothing to measure on")
     count = fit_settings(scene, iterations).iterations
     plain = _ran(scene, folder / "gaussians", "gaussians", count, seed)
-    pilot = max(1, round(PILOT * count))
+    pilot = max(min(PILOT_LEAST, count), round(PILOT * count))
     per_iteration = _pilot(scene, folder / "pilot", pilot, seed) / pilot
     wanted = max(1, round(plain.seconds / per_iteration))
     return [plain, _ran(scene, folder / "scaffold", "scaffold", wanted, seed)]
