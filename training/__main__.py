@@ -5,9 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import get_args
 
 from diga3d_warp.errors import InputError
 from training.recipe import RECIPE
+from training.windows import Part
+
+PARTS: tuple[Part, ...] = get_args(Part)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -21,7 +25,10 @@ def main(arguments: list[str] | None = None) -> int:
     everything.add_argument("--workers", type=int, default=1, help="processes that share each batch")
     data = stages.add_parser("data", help="render windows of rooms")
     data.add_argument("--rooms", type=int, default=1000, help="number of rooms to reach (default 1000)")
-    data.add_argument("--held-out", action="store_true", help="of the seeds that are kept from training")
+    data.add_argument(
+        "--part", choices=PARTS, default="windows",
+        help="rooms to train on (windows), to look at meanwhile (held_out), for published figures (tested)",
+    )  # fmt: skip
     train = stages.add_parser("train", help="train one network")
     train.add_argument("network", choices=("autoencoder", "decoder", "denoiser", "edges", "depth"))
     train.add_argument("--steps", type=int, default=100_000, help="number of the last step")
@@ -34,6 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
     report.add_argument("folder", type=Path, help="written by export")
     report.add_argument("--windows", type=int, default=64, help="number of windows (default 64)")
     report.add_argument("--prompts", type=int, default=10, help="number of prompts (default 10)")
+    report.add_argument("--part", choices=PARTS[1:], default="tested", help="rooms (default tested)")
     report.add_argument("--pictures", type=Path, help="folder of pictures")
     curves = stages.add_parser("curve", help="plot the losses of all networks")
     curves.add_argument("picture", type=Path, help=".png file to write")
@@ -57,7 +65,7 @@ def _run(chosen: argparse.Namespace) -> None:
     elif chosen.stage == "data":
         from training.windows import render_rooms
 
-        render_rooms(chosen.work, RECIPE.data, chosen.rooms, chosen.held_out)
+        render_rooms(chosen.work, RECIPE.data, chosen.rooms, chosen.part)
     elif chosen.stage == "latents":
         from training.latents import encode_samples
 
@@ -77,9 +85,9 @@ def _run(chosen: argparse.Namespace) -> None:
         from training.evaluate import load, removal, text
         from training.windows import open_windows
 
-        held_out, prior = open_windows(chosen.work, RECIPE.data, held_out=True), load(chosen.folder)
-        print(removal(prior, held_out, chosen.windows, chosen.pictures), end="\n\n")
-        print(text(prior, held_out, chosen.prompts, chosen.pictures))
+        rooms, prior = open_windows(chosen.work, RECIPE.data, chosen.part), load(chosen.folder)
+        print(removal(prior, rooms, chosen.windows, chosen.pictures), end="\n\n")
+        print(text(prior, rooms, chosen.prompts, chosen.pictures))
     elif chosen.stage == "curve":
         from training.curve import draw_curves
 

@@ -168,5 +168,5 @@ def open_denoiser(work: Path, recipe: Recipe) -> DenoiserLesson:
     tokenizer, _ = open_tokenizer(work, recipe)
     encoder = Encoder.frozen(work, recipe)
     return DenoiserLesson(
-        recipe, open_latents(work, recipe), tokenizer, encoder, open_windows(work, recipe.data, True)
+        recipe, open_latents(work, recipe), tokenizer, encoder, open_windows(work, recipe.data, "held_out")
     )

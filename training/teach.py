@@ -70,7 +70,7 @@ def train_all(work: Path, folder: Path, threads: int, workers: int) -> None:
     from training.windows import render_rooms
 
     goal = RECIPE.schedule
-    render_rooms(work, RECIPE.data, goal.held_out_rooms, held_out=True)
+    render_rooms(work, RECIPE.data, goal.held_out_rooms, "held_out")
     render_rooms(work, RECIPE.data, goal.rooms)
     run_workers(workers, Task("autoencoder", work, goal.autoencoder, threads))
     encode_samples(work, RECIPE, goal.samples)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -34,28 +34,29 @@ def layout(recipe: DataRecipe) -> Layout:
     }
 
 
-def open_windows(work: Path, recipe: DataRecipe, held_out: bool = False) -> Store:
-    """The store of windows.
-
-    Args:
-        work: Folder of all work.
-        recipe: What is rendered.
-        held_out: Those of the rooms that are kept from training.
-    """
-    return Store(work / ("held_out" if held_out else "windows"), layout(recipe), VERSION)
+Part = Literal["windows", "held_out", "tested"]
+"""Rooms to train on, to look at meanwhile, and for published figures."""
 
 
-def render_rooms(work: Path, recipe: DataRecipe, rooms: int, held_out: bool = False) -> None:
+def open_windows(work: Path, recipe: DataRecipe, part: Part = "windows") -> Store:
+    """The store of windows of a part of the rooms."""
+    return Store(work / part, layout(recipe), VERSION)
+
+
+def render_rooms(work: Path, recipe: DataRecipe, rooms: int, part: Part = "windows") -> None:
     """Render rooms that the store lacks.
 
     Args:
         work: Folder of all work.
         recipe: What is rendered.
         rooms: Number of rooms to reach.
-        held_out: Those of the seeds that are kept from training.
+        part: Of the rooms.
     """
-    store = open_windows(work, recipe, held_out)
-    first = recipe.held_out_seed if held_out else recipe.first_seed
+    store = open_windows(work, recipe, part)
+    seeds = {
+        "windows": recipe.first_seed, "held_out": recipe.held_out_seed, "tested": recipe.tested_seed,
+    }  # fmt: skip
+    first = seeds[part]
     done = store.rows[-1]["seed"] - first + 1 if store.rows else 0
     for number in tqdm(range(done, rooms), "rendering", initial=done, total=rooms, unit="room"):
         _append(store, first + number, recipe)

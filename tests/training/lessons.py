@@ -14,7 +14,7 @@ from training.recipe import (
     TextRecipe,
 )
 from training.store import Store
-from training.windows import open_windows
+from training.windows import Part, open_windows
 
 RUN = RunRecipe(batch=2, rate=1e-3, warm_up=2)
 TINY = Recipe(
@@ -29,9 +29,9 @@ TINY = replace(TINY, latents=replace(TINY.latents, chunk=4))
 WORDS = ("a", "an", "golden", "gold", "gilded", "marble", "white", "red", "ball", "vase", "made", "of", "on")
 
 
-def made_up_windows(work: Path, held_out: bool = False, count: int = 2) -> Store:
+def made_up_windows(work: Path, part: Part = "windows", count: int = 2) -> Store:
     """Windows of coloured noise with a square as the object, in the layout of rendered ones."""
-    store = open_windows(work, TINY.data, held_out)
+    store = open_windows(work, TINY.data, part)
     rng, side = np.random.default_rng(1), TINY.data.side
     masks = np.zeros((2, side, side), bool)
     masks[0, 20:44, 20:44] = masks[1, 16:40, 24:48] = True

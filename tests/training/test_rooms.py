@@ -48,7 +48,7 @@ def test_rendering_goes_on_where_it_stopped(rendered):
 def test_held_out_rooms_and_those_of_benchmarks_are_never_trained_on():
     data = RECIPE.data
     assert data.held_out_seed + data.held_out_rooms <= data.first_seed
-    assert data.held_out_seed > 100
+    assert 100 < data.held_out_seed < data.tested_seed < data.held_out_seed + data.held_out_rooms
 
 
 def test_prompts_name_the_object_or_nothing():

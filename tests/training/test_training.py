@@ -31,7 +31,7 @@ def work(tmp_path_factory):
     folder = tmp_path_factory.mktemp("work")
     (folder / "words.json").write_text(json.dumps(sorted(WORDS)))
     windows = made_up_windows(folder)
-    made_up_windows(folder, held_out=True)
+    made_up_windows(folder, "held_out")
     train(AutoencoderLesson(TINY, windows), folder, 4)
     encode_samples(folder, TINY, 12)
     train(open_denoiser(folder, TINY), folder, 4)
