@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-from diga3d_warp.errors import InputError
+from diga3d_warp.errors import InputError, cannot_write
 from diga3d_warp.files import write_json
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.colmap.reconstruction import write_colmap
@@ -95,17 +96,27 @@ def generate(settings: SyntheticScene, folder: Path | str, progress: bool = Fals
     Raises:
         InputError: the folder exists and holds something, or cannot be written.
     """
-    folder = Path(folder)
+    with appearing(Path(folder)) as partial:
+        _write_capture(settings, partial, progress)
+    return Path(folder)
+
+
+@contextmanager
+def appearing(folder: Path) -> Iterator[Path]:
+    """A folder to write to, which takes its place once everything is written.
+
+    Raises:
+        InputError: there is something already, or nothing can be written there.
+    """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} exists already: give another folder or delete it")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as partial:
-            _write_capture(settings, Path(partial) / "capture", progress)
+            yield Path(partial) / "capture"
             (Path(partial) / "capture").replace(folder)
     except OSError as error:
-        raise InputError(f"{folder} cannot be written ({error.strerror}): give another folder") from error
-    return folder
+        raise cannot_write(folder, error) from error
 
 
 def _write_capture(settings: SyntheticScene, folder: Path, progress: bool) -> None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 
-from diga3d_warp.errors import InputError, cannot_write
-from diga3d_warp.scene.synthetic.generate import SyntheticScene, generate
+from diga3d_warp.errors import InputError
+from diga3d_warp.scene.synthetic.generate import SyntheticScene, appearing, generate
 
 IMAGES = "images_4"
 """The one image folder: that on which the figures of SPIn-NeRF are measured."""
@@ -32,20 +31,11 @@ def generate_spin_nerf(settings: SyntheticScene, folder: Path | str, progress: b
     Raises:
         InputError: as `generate`; or there are too few views for both kinds.
     """
-    folder = Path(folder)
     if settings.views < TEST_SHARE[0]:
         raise InputError(f"{settings.views} views leave no test views: use {TEST_SHARE[0]} or more")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder} exists already: give another folder or delete it")
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as partial:
-            capture = generate(settings, Path(partial) / "capture", progress)
-            _arrange(capture, Path(partial) / "arranged")
-            (Path(partial) / "arranged").replace(folder)
-    except OSError as error:
-        raise cannot_write(folder, error) from error
-    return folder
+    with appearing(Path(folder)) as arranged:
+        _arrange(generate(settings, arranged.with_name("ordinary"), progress), arranged)
+    return Path(folder)
 
 
 def _arrange(capture: Path, target: Path) -> None:
