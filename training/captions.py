@@ -30,7 +30,7 @@ JOINING = ("a", "an", "the", "of", "made", "on", "in", "at", "front", "with", "a
 
 
 def prompt_of(rng: Generator, row: Mapping[str, Any], recipe: PromptRecipe) -> str:
-    """A prompt of an image; often none, so that guidance has something to lead away from.
+    """A prompt of an image; often none for a room alone, so that guidance has something to lead away from.
 
     Args:
         rng: Picks the form and the words.
@@ -47,7 +47,7 @@ def prompt_of(rng: Generator, row: Mapping[str, Any], recipe: PromptRecipe) -> s
         kind = str(rng.choice(ALSO[kind]))
     thing = with_article(f"{stuff} {kind}")
     full = f"{thing} {row['stands']} {row['place']}"
-    said = (full, thing, f"{with_article(kind)} made of {stuff}", stuff, with_article(kind), "")
+    said = (full, thing, f"{with_article(kind)} made of {stuff}", stuff, with_article(kind))
     return str(rng.choice(said, p=recipe.forms))
 
 
