@@ -86,8 +86,8 @@ def test_inversion_and_sampling_give_the_image_back(prior, case):
 
 
 def test_attention_propagation_makes_views_agree(prior, windows):
-    """Of the same place shifted by some pixels: noise stays where it is in the image, so fills differ."""
-    guidance, apart = Guidance(prior.encode_prompts("", "", "remove"), 1.0), {0.0: [], AFP_WEIGHT: []}
+    """On a ball of any colour, in the same place shifted: noise stays where it is, so that fills differ."""
+    guidance, apart = Guidance(prior.encode_prompts("a ball", "", "replace"), 2.0), {0.0: [], AFP_WEIGHT: []}
     for case in cases(windows, 3):
         shifts = (0, 12, -20)
         images = [torch.roll(case.image, shift, 1) for shift in shifts]
