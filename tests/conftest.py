@@ -32,12 +32,13 @@ def device(request) -> str:
 
 @pytest.fixture
 def threads():
-    """`set_thread_count`; the number of threads is restored after the test."""
+    """`set_thread_count`; the numbers of threads of Warp and torch are restored after the test."""
     from diga3d_warp.kernels.launch import set_thread_count, thread_count
 
-    before = thread_count()
+    before, of_torch = thread_count(), torch.get_num_threads()
     yield set_thread_count
     set_thread_count(before)
+    torch.set_num_threads(of_torch)
 
 
 @pytest.fixture(scope="session")

@@ -133,6 +133,7 @@ def test_defaults_are_handed_over(monkeypatch):
         "seed": 0,
         "resume": False,
         "effects": {},
+        "representation": "gaussians",
     }
 
 
