@@ -26,8 +26,8 @@ INTRODUCTION = """# Room prior
 
 A small latent diffusion network that inpaints synthetic rooms and gardens, in the format of Stable
 Diffusion's inpainting checkpoints: AutoencoderTiny with {channels} latent channels, a UNet that is given
-noisy latents, mask and known latents, a CLIP text encoder of few words, and ControlNets for edges and depth.
-It predicts v. Windows have {side} px, 16 x 16 latent cells. `diga3d ... --prior room` reads it.
+noisy latents, mask and known latents, a CLIP text encoder of few words, and those ControlNets that are in the
+table. It predicts v. Windows have {side} px, 16 x 16 latent cells. `diga3d ... --prior room` reads it.
 
 It was trained from nothing by `python -m training`, version {version} of the recipe, on images that this
 repository's generator renders.

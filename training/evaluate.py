@@ -103,7 +103,7 @@ def removal(prior: Any, windows: Store, count: int, pictures: Path | None) -> st
             given = torch.where(case.mask[..., None], 0.5, case.image)
             shown += [given, results["Telea"], results["exemplar, one proposal"], results["room"], case.truth]
     if pictures is not None:
-        _write(pictures / "removal.png", shown, 10)
+        _write(pictures / "removal.jpg", shown, 10)
     share = float(np.mean([float(case.mask.float().mean()) for case in chosen]))
     lines = [
         f"{len(chosen)} windows of {len({row['seed'] for row in windows.rows})} rooms that were never "
@@ -147,7 +147,7 @@ def text(prior: Any, windows: Store, count: int, pictures: Path | None, seed: in
         lines.append(f"| {prompt} | {said} | {near[asked]:.2f}, {other:.2f} |")
         shown += [torch.where(mask[..., None], 0.5, image), filled, image]
     if pictures is not None:
-        _write(pictures / "text.png", shown, 6)
+        _write(pictures / "text.jpg", shown, 6)
     verdict = f"{right} of {len(lines) - 2} fills are nearest to the truth of their prompt."
     return "\n".join([verdict, "", *lines])
 

@@ -177,7 +177,7 @@ def _edited(
     change, count = 0.0, 0
     for view in views:
         first, second = (
-            stages.over_shell(each, shell, view.camera, effects).astype(float) for each in (before, after)
+            stages.shown(each, shell, view.camera, effects).astype(float) for each in (before, after)
         )
         inside = masks[view.name]
         change += float(np.abs(first - second)[inside].sum())
@@ -199,7 +199,7 @@ def _psnr(
     """Mean PSNR of the views' photographs [dB]."""
     found = []
     for view in views:
-        shown = stages.over_shell(splat, shell, view.camera, effects).astype(float)
+        shown = stages.shown(splat, shell, view.camera, effects).astype(float)
         error = (shown - view.pixels) ** 2
         error = error if where is None else error[where[view.name]]
         found.append(-10.0 * np.log10(max(float(error.mean()) / 255.0**2, 1e-12)))

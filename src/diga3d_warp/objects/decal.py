@@ -30,11 +30,13 @@ class DecalSettings:
         discs: Most of them: a soft shadow has no finer detail.
         lift: Height above the surface [object sizes]: in front of the gaussians on it, however these are
             sorted, and far below what one sees of an object's foot.
-        darkest: Most opacity of a disc [1]: a fit can still change it.
+        faintest, darkest: Least and most opacity of a disc [1]: between them a fit can still change it, and
+            its logit is finite.
     """
 
     discs: int = 3000
     lift: float = 0.005
+    faintest: float = 1e-4
     darkest: float = 0.95
 
 
@@ -74,6 +76,6 @@ def decal(
     # So many discs lie over one another that together they are as opaque as the shadow is dark.
     over = 2.0 * np.pi * FILL_WIDTH**2
     taken = (1.0 - shadow.at(means) ** (1.0 / GAMMA)) / over
-    opacity = torch.from_numpy(np.clip(taken, 1e-4, s.darkest)).to(discs.opacity_logits)
+    opacity = torch.from_numpy(np.clip(taken, s.faintest, s.darkest)).to(discs.opacity_logits)
     raised = means + s.lift * shadow.scale * chart.frame.axes[2]
     return replace(discs, means=torch.from_numpy(raised).to(discs.means), opacity_logits=torch.logit(opacity))

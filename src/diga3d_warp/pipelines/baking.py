@@ -184,9 +184,7 @@ def _loss(
     """PSNR of both against the photographs outside the masks, and of one against the other."""
     shell, sums, count = stages.shell_of(run), np.zeros(3), 0
     for view in views:
-        first, second = (
-            stages.over_shell(each, shell, view.camera, run.effects) for each in (anchors, gaussians)
-        )
+        first, second = (stages.shown(each, shell, view.camera, run.effects) for each in (anchors, gaussians))
         outside = ~masks[view.name] if view.name in masks else np.ones(first.shape[:2], bool)
         pairs = ((first, view.pixels), (second, view.pixels), (first, second))
         sums += [float(((a[outside].astype(np.float64) - b[outside]) ** 2).sum()) for a, b in pairs]

@@ -28,7 +28,7 @@ from diga3d_warp.gaussians.parameters import Gaussians
 from diga3d_warp.gaussians.representation import Representation
 from diga3d_warp.gaussians.scaffold.initialise import initial_anchors
 from diga3d_warp.gaussians.storage import load
-from diga3d_warp.gaussians.surround import beyond, surround_of
+from diga3d_warp.gaussians.surround import beyond, render_before, surround_of
 from diga3d_warp.gaussians.target import Target
 from diga3d_warp.gaussians.thinning import thinned
 from diga3d_warp.gaussians.working import to_user, to_working
@@ -46,10 +46,8 @@ from diga3d_warp.propagation.references import (
 from diga3d_warp.scene.camera import Camera
 from diga3d_warp.scene.formats.read import read_splat
 from diga3d_warp.scene.layouts.cameras_file import CameraSet, save_cameras
-from diga3d_warp.scene.photographs.images import BACKGROUND
 from diga3d_warp.scene.scene import Scene, View
 from diga3d_warp.scene.working_frame import WorkingFrame, with_near_planes
-from diga3d_warp.splatting.render import render
 from diga3d_warp.splatting.shade import coefficient_count
 from diga3d_warp.state import read_array, read_state
 
@@ -331,14 +329,9 @@ def shell_in(folder: Path) -> Gaussians | None:
     return Gaussians.load_ply(shell, every_row=True) if shell.is_file() else None
 
 
-def over_shell(
-    splat: Representation, shell: Gaussians | None, camera: Camera, effects: Effects
-) -> np.ndarray:
+def shown(splat: Representation, shell: Gaussians | None, camera: Camera, effects: Effects) -> np.ndarray:
     """A rendering of gaussians or anchors before the surround, if there is one, shape (H, W, 3), uint8."""
-    drawn = splat.seen_from(camera)
-    if shell is not None:
-        drawn = drawn.joined(replace(shell, sh=shell.sh[:, : drawn.coefficients]))
-    return picture(drawn, camera, effects)
+    return to_bytes(render_before(shell, splat, camera, replace(effects, depth=False)).color)
 
 
 def _surrounded(run: Run, gaussians: Gaussians) -> Gaussians:
@@ -354,9 +347,7 @@ def _publish_pictures(run: Run, source: Path, name: str) -> None:
 
 def picture(gaussians: Gaussians, camera: Camera, effects: Effects) -> np.ndarray:
     """A rendering as an 8-bit image, shape (H, W, 3), over `BACKGROUND` where that is seen."""
-    with torch.no_grad():
-        seen = render(gaussians, camera, effects=replace(effects, depth=False), background=BACKGROUND)
-    return to_bytes(seen.color)
+    return shown(gaussians, None, camera, effects)
 
 
 def fitted(run: Run, name: str, compute: Callable[[Path], None]) -> Representation:
